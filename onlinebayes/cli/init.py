@@ -36,10 +36,13 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     drafted = draft(Path(model), [Path(log) for log in logs], target)
     write_atomic(target, drafted.text)
     for found in drafted.matches:
-        said = () if found.column == found.name else (f"({found.why}: check it)",)
-        shown = found.keys and found.unit_why != Match.unit_why
+        shown = bool(found.keys) and found.unit_why != Match.unit_why
+        by_itself = found.exact or (shown and found.column == found.name)
+        said = () if by_itself else (f"({found.why}: check it)",)
         more = (f"({found.unit_why})",) if shown else ()
         _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said, *more)
+    for line in drafted.untied:
+        _say("clocks:", line)
     for name, columns in drafted.missing.items():
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
     for joint, body in drafted.fixed.items():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import errno
 import io
+import math
 import os
 import sys
 import traceback
@@ -48,6 +49,9 @@ COMMANDS = {
 }
 
 
+SEARCHING = ("diagnose", "refine", "next")
+
+
 class _Parser(argparse.ArgumentParser):
     """Bad arguments are bad input: one line, exit status 2."""
 
@@ -67,7 +71,8 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
-        usage = f"onlinebayes {name} [-h] --out DIR [--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
+        budget = "[--budget SECONDS] " if name in SEARCHING else ""
+        usage = f"onlinebayes {name} [-h] --out DIR {budget}[--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
         command = commands.add_parser(name, help=what, description=what, usage=usage)
         command.add_argument(
             "problem", nargs="?", help="the problem file (TOML); for posterior also a folder that refine wrote"
@@ -78,6 +83,13 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
         )
+        if name in SEARCHING:
+            command.add_argument(
+                "--budget",
+                type=_seconds,
+                metavar="SECONDS",
+                help="processor time that the search may take; then the best answer so far is given (300)",
+            )
     first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
     first.add_argument("model", help="the model (MJCF)")
     first.add_argument("logs", nargs="+", metavar="LOG", help="measurement tables")
@@ -96,6 +108,17 @@ def _path(text: str) -> str:
     if not text.strip():
         raise argparse.ArgumentTypeError("it is empty: name a path")
     return text
+
+
+def _seconds(text: str) -> float:
+    """A time that can be spent."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is no time: give seconds above 0")
+    return seconds
 
 
 def _is_text(word: str) -> bool:
@@ -143,6 +166,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         from onlinebayes.runs.errors import BadInput
 
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            error = BadInput(
+                str(error.strerror), "make room, or choose another folder", where=str(error.filename or "disk")
+            )
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             error = BadInput("its name is too long for a file", "give a shorter one", where=str(error.filename))
         if isinstance(error, BadInput):
@@ -167,14 +194,20 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.command == "next":
         from onlinebayes.cli.next import propose_next
 
-        return propose_next(arguments.problem, arguments.out, arguments.add)
+        return propose_next(arguments.problem, arguments.out, arguments.add, **_budget(arguments))
     if arguments.command == "posterior":
         from onlinebayes.cli.posterior import infer_posterior
 
         return infer_posterior(arguments.problem, arguments.out, arguments.add)
     from onlinebayes.cli.work import work
 
-    return work(arguments.command, arguments.problem, arguments.out, arguments.add)
+    return work(arguments.command, arguments.problem, arguments.out, arguments.add, **_budget(arguments))
+
+
+def _budget(arguments: argparse.Namespace) -> dict[str, float]:
+    """The budget, where one is given."""
+    seconds = getattr(arguments, "budget", None)
+    return {} if seconds is None else {"budget_s": seconds}
 
 
 if __name__ == "__main__":

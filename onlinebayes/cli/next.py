@@ -9,7 +9,7 @@ from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart, writable
 from onlinebayes.cli.work import title_of
-from onlinebayes.criticism import Plan, next_experiment
+from onlinebayes.criticism import BUDGET_S, Plan, next_experiment
 from onlinebayes.identification import split
 from onlinebayes.problems import allowed_in, criticise, load_problem
 from onlinebayes.report import PLAN_FILES, plan_words, write_plan
@@ -18,13 +18,14 @@ from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 WIDTH, COLUMN = 80, 12
 
 
-def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
+def propose_next(problem_file: str, out: str, add: Sequence[str] = (), budget_s: float = BUDGET_S) -> int:
     """Do it and write next.csv, next.html and next.json; returns the exit status.
 
     Args:
         problem_file: path of the TOML file.
         out: folder for the files.
         add: effects ``name@target`` added by hand.
+        budget_s: processor time that the search may take [s].
 
     Raises:
         BadInput: the problem cannot be used, nothing is admissible, or the folder not be written.
@@ -43,7 +44,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
     check_apart([Path(out) / name for name in PLAN_FILES], problem.inputs)
     with writable(Path(out)) as folder:
         try:
-            result = criticise("refine", problem)
+            result = criticise("refine", problem, budget_s)
             if result.interrupted:
                 return _stopped()
             fit_runs, _ = split(problem.measurement, problem.holdout)

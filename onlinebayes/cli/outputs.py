@@ -5,13 +5,14 @@ A report beside the refined model of another one would be taken for its own.
 
 from __future__ import annotations
 
+import errno
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from onlinebayes.report import REFINED_FILES, REPORT_FILES
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, DiskFull, Lock, NoLocks
 
 NAMES = (*REPORT_FILES, *REFINED_FILES)
 """All files that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
@@ -52,16 +53,23 @@ def clear(folder: Path, written: Sequence[str], inputs: Mapping[Path, str]) -> t
     return tuple(stale)
 
 
+IN_USE = ".onlinebayes-in-use"
+"""File of a command's folder while the command is at work; the system frees it when the process ends, however."""
+
+
 @contextmanager
 def writable(folder: Path, names: Sequence[str] = NAMES) -> Iterator[Path]:
     """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
+
+    No other process may use it meanwhile: two commands would leave a report of one beside a model of the other.
 
     Args:
         folder: the command's.
         names: of the files that it may write.
 
     Raises:
-        BadInput: it is a link, cannot be made or written, or holds a folder of the name of a file to be written.
+        BadInput: it is a link, cannot be made or written, or holds a folder of the name of a file to be written;
+            another process uses it.
     """
     for link in (folder, *folder.parents):
         if link.is_symlink() and (link == folder or not link.exists()):
@@ -75,13 +83,19 @@ def writable(folder: Path, names: Sequence[str] = NAMES) -> Iterator[Path]:
             pass
     except OSError as error:
         problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
+        if error.errno == errno.ENOSPC:
+            raise DiskFull(problem, "make room, or choose another folder", where=str(folder)) from None
         raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
     for path in (folder / name for name in names):
         if path.is_dir():
             raise BadInput("is a folder, where a file is to be written", "choose another --out", where=str(path))
+    lock = Lock(folder / IN_USE)
+    with suppress(NoLocks):  # some disks of a network
+        lock.acquire()
     try:
         yield folder
     finally:
+        lock.discard()
         for parent in made:
             if any(parent.iterdir()):
                 break

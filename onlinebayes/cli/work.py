@@ -10,7 +10,7 @@ from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart, clear, names_of, writable
 from onlinebayes.cli.summary import summary
-from onlinebayes.criticism import Question
+from onlinebayes.criticism import BUDGET_S, Question
 from onlinebayes.problems import criticise, load_problem
 from onlinebayes.report import noted, write_report
 from onlinebayes.runs import Attempts, BadInput, Stopped, one_line
@@ -18,7 +18,7 @@ from onlinebayes.runs import Attempts, BadInput, Stopped, one_line
 FAILED = "the report holds all that was found without it"
 
 
-def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
+def work(command: Question, problem_file: str, out: str, add: Sequence[str] = (), budget_s: float = BUDGET_S) -> int:
     """Do one command and write its files; returns the exit status: 1 where a part of the work failed.
 
     Args:
@@ -26,6 +26,7 @@ def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()
         problem_file: path of the TOML file.
         out: folder for report.json, report.html and run.rrd.
         add: effects ``name@target`` added by hand.
+        budget_s: processor time that the search may take [s].
 
     Raises:
         BadInput: the problem cannot be used, or the folder not be written.
@@ -37,7 +38,7 @@ def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()
     check_apart([Path(out) / name for name in names_of(command)], problem.inputs)
     with writable(Path(out)) as folder:
         try:
-            result = criticise(command, problem)
+            result = criticise(command, problem, budget_s)
         except Stopped:
             _log("stopped before the model was fitted; nothing is written")
             return 130

@@ -6,7 +6,7 @@ them until the model predicts held-out runs as well as it can. All take built ob
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
 from onlinebayes.criticism.candidates.scales import target_scales
-from onlinebayes.criticism.commands import compare, diagnose, refine
+from onlinebayes.criticism.commands import BUDGET_S, compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
 from onlinebayes.criticism.findings.doubts import held_out_gain
@@ -50,6 +50,7 @@ from onlinebayes.identification.results import Estimate, FittedModel, FlatDirect
 from onlinebayes.identification.scope import Scope
 
 __all__ = [
+    "BUDGET_S",
     "MOST_HYPOTHESES",
     "MOVES_NOTHING",
     "SCALES_HORIZON",

@@ -14,6 +14,7 @@ from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
+from onlinebayes.criticism.findings.named import names_said, with_probabilities
 from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.remainder import rms_over_floor
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
@@ -23,7 +24,7 @@ from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numer
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
-from onlinebayes.criticism.log_faults import CorrectedLog
+from onlinebayes.criticism.log_faults import LEAST_FLOORS, CorrectedLog
 from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
     Candidate,
@@ -36,6 +37,7 @@ from onlinebayes.criticism.results import (
     Wiring,
 )
 from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.dead_commands import accused, dead_commands
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.fit import Fit, weighed_by_noise
@@ -73,7 +75,9 @@ def answered(
     stopwatch("asking the held-out runs what to keep")
     nothing_gone: tuple[Explanation, tuple[str, ...]] = (explanation, ())
     explanation, contradicted = made(
-        "asking the held-out runs what to keep", lambda: uncontradicted(explanation, task.held_runs), nothing_gone
+        "asking the held-out runs what to keep",
+        lambda: uncontradicted(explanation, task.held_runs, task.selection.horizon_s),
+        nothing_gone,
     )
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
@@ -97,8 +101,17 @@ def answered(
         )
         beliefs = weights(hypotheses) if verdict == "tie" else ()
         said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
+        errs = tuple(name for name, left in after.items() if left > LEAST_FLOORS)
+        dead = dead_commands(task.fit_runs) if errs else {}
+        doubted = (*doubted, *([accused(dead, errs)] if dead else ()))
     candidates: tuple[Candidate, ...] = made(
         "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
+    )
+    left = max(after.values(), default=math.inf)
+    candidates = made(
+        "the probabilities of names",
+        lambda: with_probabilities(candidates, names_said(explanation, left, final_model.parameters)),
+        candidates,
     )
     corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")
@@ -136,6 +149,7 @@ def answered(
         changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
         wiring=None if fault is None else _wiring(fault, base),
         corrected=corrected,
+        read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
         explanation=explanation,
     )

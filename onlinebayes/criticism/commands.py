@@ -20,9 +20,10 @@ from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read, better_read
 from onlinebayes.criticism.results import Question
 from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.dead_commands import check_driven
 from onlinebayes.criticism.wiring.units import unit_that_fits
 from onlinebayes.identification.judging.evaluator import at_noise_floor
-from onlinebayes.identification.judging.skill import has_skill
+from onlinebayes.identification.judging.skill import has_skill, unskilled
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
@@ -170,6 +171,8 @@ def _answered(
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
     task, search = _begun(task, Watch(stopwatch, interrupt), memo)
+    if faults and (lost := unskilled(search.base, search.evaluator)):
+        check_driven(task.fit_runs, lost)
     watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
     answers = _answers(task, search, candidates, most, watch, attempts, faults)
@@ -212,7 +215,7 @@ def _answers(
     """One answer after the other, each better than the one before it; the first is the base model."""
     answers, fault = [Found(task, explanation_of(search))], None
     with watch.giving_up(), attempts.attempt("checking signs, units and columns"):
-        fault = find_fault(search.evaluator, search.base, task.fit_runs) if faults else None
+        fault = find_fault(search.evaluator, search.base, task.fit_runs, laws=bool(most)) if faults else None
     certain = fault is not None and fault.certain
     with watch.giving_up(), attempts.attempt("the search"):
         search = run_search(search, task.fit_runs, candidates if most and not certain else (), most=most)

@@ -57,6 +57,7 @@ class Criticism:
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         corrected: with ``data_problem``, the base model fitted to the corrected table, without replays.
+        read_as: the lines of a problem file that read the log as it was read here, where it does not say how.
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
         contradicted: what was added and taken out again, for the held-out error rises with it.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
@@ -92,6 +93,7 @@ class Criticism:
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
     corrected: FittedModel | None = None
+    read_as: str = ""
     hypotheses: tuple[WeightedModel, ...] = ()
     contradicted: tuple[str, ...] = ()
     failed: tuple[str, ...] = ()

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from onlinebayes.criticism.wiring.faults import Fault
-from onlinebayes.criticism.wiring.readings import Constraints, SoftConstraints, in_words, other_readings
+from onlinebayes.criticism.wiring.readings import Constraints, Reading, SoftConstraints, in_words, other_readings
 from onlinebayes.identification.data.motion import check_runs
 from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.fitting.closed_loops import completed
@@ -32,6 +31,7 @@ class PreparedLog:
         prepared: what was changed to make it ready, a sentence each.
         constraints: how the model's constraints are taken.
         soft: the base model with constraints as soft as its file has them, where it has any.
+        readings: which other readings were taken.
     """
 
     simulator: Identifiable
@@ -41,17 +41,19 @@ class PreparedLog:
     prepared: tuple[str, ...]
     constraints: Constraints = "none"
     soft: Identifiable | None = None
+    readings: tuple[Reading, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the changes that made the log ready, and on how it is read where it does not say."""
-        return (*self.prepared, *in_words(self.fit_runs, self.constraints))
+        found = filter(None, (reading.note for reading in self.readings))
+        return (*self.prepared, *in_words(self.fit_runs, self.constraints), *found)
 
-    def other_readings(self, found: Identifiable) -> Iterator[Fault]:
+    def other_readings(self, found: Identifiable) -> Iterator[Reading]:
         """Yield the other readings of the runs that a model which was found asks for."""
         return other_readings(found, self.fit_runs, self.soft if self.constraints == "rigid" else None)
 
-    def read(self, reading: Fault) -> PreparedLog:
+    def read(self, reading: Reading) -> PreparedLog:
         """The task with its runs read so."""
         return replace(
             self,
@@ -59,6 +61,7 @@ class PreparedLog:
             fit_runs=reading.correct(self.fit_runs),
             held_runs=reading.correct(self.held_runs),
             constraints="soft" if isinstance(reading, SoftConstraints) else self.constraints,
+            readings=(*self.readings, reading),
         )
 
 

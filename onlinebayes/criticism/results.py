@@ -47,6 +47,7 @@ class Candidate:
         score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
         n_blocks: number of blocks B.
         accepted: whether it stands in the final model.
+        probability: that it is in the machine; None of what is neither in the model nor equal to what is.
         refused_because: the rules it failed, in words; empty for accepted and unranked ones.
         parameters: short name -> estimate, from its own refit; empty if not refitted.
         indistinguishable_from: effects that explain the data equally.
@@ -62,6 +63,7 @@ class Candidate:
     score_gain_se: float | None
     n_blocks: int
     accepted: bool = False
+    probability: float | None = None
     refused_because: tuple[str, ...] = ()
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     indistinguishable_from: tuple[str, ...] = ()

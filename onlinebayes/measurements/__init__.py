@@ -2,10 +2,11 @@
 
 from onlinebayes.measurements.known_starts import KnownStart
 from onlinebayes.measurements.mapping import CommandColumn, SignalColumn, TimeColumn
-from onlinebayes.measurements.measurement import Measurement, Signal, concatenate
+from onlinebayes.measurements.measurement import BetweenRows, Measurement, Signal, concatenate
 from onlinebayes.measurements.tables import TableReader
 
 __all__ = [
+    "BetweenRows",
     "CommandColumn",
     "KnownStart",
     "Measurement",

@@ -49,6 +49,11 @@ def check_time(time: np.ndarray, where: str, rows: Int[np.ndarray, " T"], clock:
     _check_increases(time, where, rows, clock)
 
 
+def check_instants(time: np.ndarray, where: str, rows: Int[np.ndarray, " T"], clock: str = "time") -> None:
+    """Raise :class:`BadInput` unless the instants are known and of a size that a clock in seconds has."""
+    _check_values("time", time, f"column '{clock}'", where, rows)
+
+
 def _check_increases(time: np.ndarray, where: str, rows: np.ndarray, clock: str) -> None:
     if (wrong := np.flatnonzero(np.diff(time) <= 0)).size:
         k = int(wrong[0])

@@ -15,15 +15,26 @@ from onlinebayes.measurements.measurement import Signal
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """The column that holds the clock.
+    """The column that holds the clock, or the two columns.
 
     Args:
         column: the table's column.
         scale: seconds in one of its units [s].
+        rest: the column of what has passed since that instant (ROS writes ``sec`` and ``nanosec``); none by default.
+        rest_scale: seconds in one of the units of ``rest`` [s].
+        offset: what is added, where the clocks of two tables differ [s].
     """
 
     column: str = "time"
     scale: float = 1.0
+    rest: str = ""
+    rest_scale: float = 1e-9
+    offset: float = 0.0
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns that it is read from."""
+        return (self.column, self.rest) if self.rest else (self.column,)
 
 
 SECONDS = TimeColumn()

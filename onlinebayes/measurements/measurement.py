@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -29,6 +30,7 @@ from onlinebayes.measurements.known_starts import KnownStart
 from onlinebayes.runs import BadInput
 
 Columns = Mapping[str, ArrayLike]
+BetweenRows = Literal["held", "curve"]
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,8 @@ class Measurement:
         held_over_gaps: whether commands are held through rows that seem to be missing, too, and not lost there with
             what was commanded in them.
         idle_before: whether no command was given before a run's first row, and not the one that it holds.
+        between_rows: how commands go from one row to the next: held, on a curve through the rows because they were
+            sent more often than rows were written, or None where nobody said (they are held).
         starts: what is known of the state in which a run begins, ``qpos.<joint>`` or ``qvel.<joint>`` -> that.
     """
 
@@ -79,6 +83,7 @@ class Measurement:
     runs: tuple[str, ...]
     held_over_gaps: bool = False
     idle_before: bool = False
+    between_rows: BetweenRows | None = None
     starts: Mapping[str, KnownStart] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

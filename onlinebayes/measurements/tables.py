@@ -28,9 +28,10 @@ from pathlib import Path
 import numpy as np
 
 from onlinebayes.measurements.checks import check_columns
+from onlinebayes.measurements.clocks import TIME, OnClock, TimedSource
 from onlinebayes.measurements.formats import Columns, Source, open_source
 from onlinebayes.measurements.inputs import begun, blank_while_off, first_commanded, held
-from onlinebayes.measurements.joining import JoinedSource, joined
+from onlinebayes.measurements.joining import JoinedSource, joined, untied
 from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.matching import matches
@@ -56,6 +57,7 @@ class TableReader:
         ignore: columns (globs) to leave out though they look like the model's.
         known: addresses such as ``"sensor.force"`` that the model has but that are not compared.
         note: told once a table what was left out.
+        clocks: of the tables, by path, that have another one.
     """
 
     signals: Sequence[Signal]
@@ -66,6 +68,7 @@ class TableReader:
     ignore: Sequence[str] = ()
     known: Sequence[str] = ()
     note: Callable[[str], None] = field(default=lambda _line: None)
+    clocks: Mapping[Path, TimeColumn] = field(default_factory=dict)
 
     def read(self, paths: Iterable[str | Path]) -> Measurement:
         """All runs of some tables.
@@ -83,6 +86,7 @@ class TableReader:
         renamed = any(mapped.source != mapped.signal.name for mapped in self.mapped)
         if renamed and not any(one.source in there for one in wanted):  # in no table, be it beside one of commands
             self._check_mapped(set(), {str(source.path): list(source.names) for source in tables})
+        self._check_tied(tables, wanted)
         for source in tables:
             path = source.path
             columns[str(path)] = list(source.names)
@@ -94,31 +98,52 @@ class TableReader:
         found = {name for values in runs.values() for name in values}
         present = [w.signal for w in wanted if w.signal.name in found]
         self._check_mapped(found, columns)
+        self._note_idle(runs, [signal.name for signal in present])
         return Measurement.from_runs(runs, present, self.commands)
 
-    def _tables(self, paths: Iterable[str | Path]) -> list[Source]:
+    def _note_idle(self, runs: Mapping[str, Mapping[str, np.ndarray]], signals: Sequence[str]) -> None:
+        """Say where nothing is commanded while something moves: perhaps the commands stand in other columns."""
+        told = [
+            values[f"ctrl.{name}"] for values in runs.values() for name in self.commands if f"ctrl.{name}" in values
+        ]
+        if not told or any(np.any(command != 0) for command in told):
+            return
+        moving = [name for name in signals if any(_varies(values.get(name)) for values in runs.values())]
+        if moving:
+            self.note(f"every command is 0 in every row, while {moving[0]} moves: are they in other columns?")
+
+    def _tables(self, paths: Iterable[str | Path]) -> list[TimedSource]:
         """The tables, each with a clock, those that share runs joined."""
-        sources = [open_source(Path(path)) for path in paths]
-        for source in sources:
-            if (clock := self.clock.column) not in source.names:
-                near = _nearest(clock, source.names) or f"the table has {_list(source.names)}"
+        sources = []
+        for source in (open_source(Path(path)) for path in paths):
+            clock = self.clocks.get(source.path, self.clock)
+            if missing := [column for column in clock.columns if column not in source.names]:
+                near = _nearest(missing[0], source.names) or f"the table has {_list(source.names)}"
                 cure = f'{near}; name its column in the problem file: [time] column = "..."'
-                raise BadInput(f"no column '{clock}'", cure, where=f"{source.path}, row 1")
-        tables = joined(sources, self.clock)
+                raise BadInput(f"no column '{missing[0]}'", cure, where=f"{source.path}, row 1")
+            sources.append(OnClock(source, clock))
+        tables = joined(sources)
         for one in tables:
-            if one not in sources:
-                self.note(f"{one.path}: joined by '{self.clock.column}', for they share runs")
+            if isinstance(one, JoinedSource):
+                why = f"as topics of one recording, run '{one.run}'" if one.run else "for they share runs"
+                self.note(f"{one.path}: joined by '{one.clock}', {why}")
         return tables
 
-    def _runs_of(self, source: Source, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
-        path, names, clock = source.path, set(source.names), self.clock.column
+    def _check_tied(self, tables: Sequence[TimedSource], wanted: Sequence[SignalColumn]) -> None:
+        """Commands whose clock is that of no table with signals."""
+        signals, commands = {one.source for one in wanted}, {one.source for one in self._inputs().values()}
+        if any(commands & {*one.names} and not signals & {*one.names} for one in tables) and (doubt := untied(tables)):
+            raise doubt
+
+    def _runs_of(self, source: TimedSource, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
+        path, names = source.path, set(source.names)
         self._check_beside(source)
         inputs = {name: one for name, one in self._inputs().items() if one.source in names}
         inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
         found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
         sources = {name for one in inputs.values() for name in one.sources}
-        taken = {"run", clock, *sources, *(w.source for w in found)}
-        if "run" in names & {clock, *sources, *(w.source for w in found)}:
+        taken = {"run", TIME, *sources, *(w.source for w in found)}
+        if "run" in names & {*sources, *(w.source for w in found)}:
             cure = "map the column that holds the quantity, or call the column of numbers otherwise"
             raise BadInput("'run' names the runs, and is no number", cure, where=f"{path}, row 1, column 'run'")
         self._classify([name for name in source.names if name not in taken], path)
@@ -132,7 +157,12 @@ class TableReader:
             )
         text = [name for name in ("run",) if name in names]
         read = source.columns(sorted(taken & names), text, sorted(sources))
-        check_rises(read[clock] * self.clock.scale, clock, read, source)
+        for clock, wraps in source.wraps:
+            self.note(f"{path}: '{clock}' begins again at {wraps:.10g}, and was put straight")
+        for one in (inputs[name] for name in inputs if name.startswith("ctrl.")):
+            if told := read.switches & {*one.sources}:
+                self.note(f"{path}: '{min(told)}' is written as True and False: read as commands of 1 and 0")
+        check_rises(read[TIME], source.clock, read, source)
         return {
             run: self._one_run(read, rows, found, inputs, source, _where(source, run))
             for run, rows in run_rows(read, path).items()
@@ -151,11 +181,11 @@ class TableReader:
         rows: slice,
         found: Sequence[SignalColumn],
         inputs: Mapping[str, CommandColumn],
-        source: Source,
+        source: TimedSource,
         where: str,
     ) -> dict[str, np.ndarray]:
         numbers = read.rows[rows]
-        values = {"time": read[self.clock.column][rows] * self.clock.scale}
+        values = {TIME: read[TIME][rows]}
         for name, one in inputs.items():
             cells = (held(name, read[column][rows], where, numbers) for column in one.sources)
             values[name] = one.value(*(begun(column) for column in cells) if one.measured else cells)
@@ -165,13 +195,15 @@ class TableReader:
         for w in found:
             values[w.signal.name] = w.value(read[w.source][rows])
         if source.joined and 0 < (first := first_commanded(self.commands, values)) < len(numbers):
+            before = values[TIME][first] - values[TIME][0]
             values = {name: column[first:] for name, column in values.items()}
             numbers = numbers[first:]
-            self.note(f"{where}: the {values['time'][0]:.3g} s before the first command are left out")
+            self.note(f"{where}: the {before:.3g} s before the first command are left out")
         for name in self.commands:
             if f"ctrl.{name}" in inputs:
                 blank_while_off(name, inputs[f"ctrl.{name}"].source, values, where, numbers)
-        check_columns(values, where, numbers, self.clock.column)
+        check_columns(values, where, numbers, source.clock)
+        values[TIME] = values[TIME] - values[TIME][0]
         for w in found:
             values[w.signal.name] = advanced(values["time"], values[w.signal.name], w.latency)
         for quaternion in quaternions(s.name for s in self.signals):
@@ -262,6 +294,11 @@ class TableReader:
                     _there(mapped.source, there),
                     where=f"{', '.join([*columns][:3])}{', ...' if len(columns) > 3 else ''}, row 1",
                 )
+
+
+def _varies(column: np.ndarray | None) -> bool:
+    known = np.zeros(0) if column is None else column[np.isfinite(column)]
+    return bool(known.size and known.max() > known.min())
 
 
 def _where(source: Source, run: str) -> str:

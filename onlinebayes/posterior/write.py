@@ -16,7 +16,7 @@ from onlinebayes.inference import BoxUniform, plots, saving
 from onlinebayes.inference.distributions.marginal import Marginal
 from onlinebayes.posterior import words
 from onlinebayes.posterior.results import LogPosterior
-from onlinebayes.runs import write_atomic
+from onlinebayes.runs import together, write_atomic
 from onlinebayes.runs.results import machine, versions
 
 SCHEMA = 1
@@ -34,6 +34,7 @@ def names_of(models: int) -> tuple[str, ...]:
     return (*(name for pair in each for name in pair), "posterior.json")
 
 
+@together()
 def write_posterior(models: Sequence[LogPosterior], out_dir: str | Path, *, title: str = "") -> tuple[str, ...]:
     """Write the files, each atomically; returns their names.
 

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from onlinebayes.criticism import Criticism, Question, compare, diagnose, refine
+from onlinebayes.criticism import BUDGET_S, Criticism, Question, compare, diagnose, refine
 from onlinebayes.problems.problem_file import ProblemFile, read_toml
 from onlinebayes.problems.wiring_lines import composed
 from onlinebayes.runs import Attempts, Interrupt, Stages, users_memo
 
 
-def criticise(question: Question, problem: ProblemFile) -> Criticism:
+def criticise(question: Question, problem: ProblemFile, budget_s: float = BUDGET_S) -> Criticism:
     """The result of a command on a problem; one that is stopped gives what it has found until then.
 
     Args:
         question: which command.
         problem: of :func:`load_problem`.
+        budget_s: processor time that a search may take [s].
 
     Raises:
         BadInput: the log does not suit the model.
         Stopped: it was interrupted before the base model was fitted.
     """
-    result, attempts = _criticised(question, problem), Attempts()
+    result, attempts = _criticised(question, problem, budget_s), Attempts()
     result = attempts.made("the lines for this problem file", lambda: _with_lines_of(problem, result), result)
     return replace(result, failed=(*result.failed, *attempts.failed))
 
 
-def _criticised(question: Question, problem: ProblemFile) -> Criticism:
+def _criticised(question: Question, problem: ProblemFile, budget_s: float) -> Criticism:
     model, data, how = problem.simulator, problem.measurement, problem.selection
     memo = users_memo()
     stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
@@ -52,6 +53,7 @@ def _criticised(question: Question, problem: ProblemFile) -> Criticism:
             progress=say,
             interrupt=interrupt,
             memo=memo,
+            budget_s=budget_s,
         )
 
 

@@ -15,6 +15,7 @@ from onlinebayes.measurements.matching import matches
 from onlinebayes.measurements.units import SI, to_si
 from onlinebayes.problems.section import Section
 
+CLOCK = ("column", "unit", "rest", "rest_unit", "offset_s")
 COLUMN = ("column", "unit", "sign", "scale", "offset")
 SIGNAL = (*COLUMN, "latency", "period", "sd", "resolution")
 COMMAND = (*COLUMN, "enable", "times")
@@ -24,11 +25,47 @@ def time_column(section: Section) -> TimeColumn:
     """The clock's column, ``[time]``; ``time`` in seconds where nothing is said.
 
     Raises:
-        BadInput: a unit that is none of time.
+        BadInput: an unknown key, or a unit that is none of time.
     """
-    with section.at("unit"):
-        scale = to_si(section.text("unit", "s"), "s")
-    return TimeColumn(section.text("column", "time"), scale)
+    return _clock(Section(_own(section), section.file, section.path, known=CLOCK), TimeColumn())
+
+
+def table_clocks(section: Section, tables: Sequence[str]) -> dict[str, TimeColumn]:
+    """The clocks of tables that have one of their own, ``[time."TABLE"]``; what is not said there is ``[time]``'s.
+
+    Args:
+        section: ``[time]``.
+        tables: names or paths of the tables, of which a key is one, its end, or a glob.
+
+    Raises:
+        BadInput: an unknown key, a unit that is none of time, or a table that is not there.
+    """
+    first, found = time_column(section), dict[str, TimeColumn]()
+    for pattern, value in section.values.items():
+        if not isinstance(value, Mapping):
+            continue
+        named = [table for table in tables if matches(table, (pattern, f"*/{pattern}"))]
+        if not named:
+            raise section.error(pattern, "no table is called so", f"name one of {', '.join(tables[:6])}")
+        clock = _clock(section.section(pattern, CLOCK), first)
+        found |= dict.fromkeys(named, clock)
+    return found
+
+
+def _own(section: Section) -> dict[str, object]:
+    """The keys of ``[time]`` that are no tables."""
+    return {key: value for key, value in section.values.items() if key in CLOCK or not isinstance(value, Mapping)}
+
+
+def _clock(section: Section, otherwise: TimeColumn) -> TimeColumn:
+    scales = {}
+    for key, scale in (("unit", otherwise.scale), ("rest_unit", otherwise.rest_scale)):
+        with section.at(key):
+            scales[key] = to_si(section.text(key), "s") if key in section else scale
+    column = section.text("column", otherwise.column)
+    rest = section.text("rest", "" if "column" in section else otherwise.rest)
+    offset = section.number("offset_s", otherwise.offset) or 0.0
+    return TimeColumn(column, scales["unit"], rest, scales["rest_unit"], offset)
 
 
 def signal_columns(

@@ -6,25 +6,23 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from onlinebayes.criticism import Wiring
 
-
-def keys_of(wiring: Wiring) -> dict[str, Any]:
-    """The tables that the fault's lines set; nothing where only the measurement table can say it (a comment)."""
+def keys_of(lines: str) -> dict[str, Any]:
+    """The keys that such lines set; nothing where only the measurement table can say it (a comment)."""
     try:
-        return tomllib.loads(wiring.lines)
+        return tomllib.loads(lines)
     except tomllib.TOMLDecodeError:  # a header comes twice: the lines were not yet composed for a file
         return {}
 
 
-def mended(content: Mapping[str, Any], wiring: Wiring) -> dict[str, Any]:
-    """A parsed problem file with the fault's lines in it; its other keys stay.
+def mended(content: Mapping[str, Any], lines: str) -> dict[str, Any]:
+    """A parsed problem file with the lines of a fault, or of a reading, in it; its other keys stay.
 
     Args:
         content: the parsed problem file, for which the lines were composed.
-        wiring: the fault.
+        lines: as TOML.
     """
-    return _merged(content, keys_of(wiring))
+    return _merged(content, keys_of(lines))
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -78,6 +78,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "exclusion_limit": candidate.exclusion_limit,
         "confounded_with": candidate.confounded_with,
         "accepted": candidate.accepted,
+        "probability": candidate.probability,
         "accepted_with": (),
         "rms_fall": None,
         "refused_because": candidate.refused_because,

@@ -52,6 +52,11 @@ def listing(items: Sequence[str], last: str = "and") -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
 
 
+def probability(p: float) -> str:
+    """``0.87``; no more certain than its calibration can be: ``above 0.99``, ``below 0.01``."""
+    return "above 0.99" if p > 0.99 else "below 0.01" if p < 0.01 else f"{p:.2f}"
+
+
 def more(count: int, what: str) -> str:
     """``1 more run``, ``2 more runs``."""
     return f"{count} more {what}{'' if count == 1 else 's'}"

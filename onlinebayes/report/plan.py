@@ -12,13 +12,14 @@ import numpy as np
 
 from onlinebayes.criticism import Plan, Tried
 from onlinebayes.report.plan_page import to_page
-from onlinebayes.runs import write_atomic
+from onlinebayes.runs import together, write_atomic
 from onlinebayes.runs.results import versions
 
 SCHEMA = 2
 FILES = ("next.csv", "next.html", "next.json")
 
 
+@together()
 def write_plan(plan: Plan, out_dir: str | Path, *, title: str = "") -> tuple[str, ...]:
     """Write the three files, each atomically; next.json last, because programs wait for it.
 

@@ -126,7 +126,8 @@ def refined_toml(
         rival: one of its other models, in the place of the final one.
     """
     model = result.final if rival is None else rival.model
-    content = dict(content) if result.wiring is None else mended(content, result.wiring)
+    content = mended(content, result.read_as)
+    content = content if result.wiring is None else mended(content, result.wiring.lines)
     content["model"] = _moved(content["model"], source, target)
     tables = content["measurements"]
     content["measurements"] = [_moved(t, source, target) for t in ([tables] if isinstance(tables, str) else tables)]

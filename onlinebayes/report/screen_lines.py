@@ -89,7 +89,9 @@ def _addition(row: Candidate | None, key: str, share: float | None) -> str:
     # One size a run stands in the report: a single one would mislead here.
     size = sizes[0][1] if sizes and "[run " not in sizes[0][0] else None
     named = f"{key} {phrases.estimate(size)}" if size is not None else key
-    told = [] if share is None else [f"explains {quantities.percent(share)}"]
+    told = [] if row is None or row.probability is None else [f"probability {phrases.probability(row.probability)}"]
+    if share is not None:
+        told.append(f"explains {quantities.percent(share)}")
     if row is not None and row.score_gain is not None:
         error = quantities.significant(row.score_gain_se or 0.0)
         told.append(f"gain {quantities.significant(row.score_gain)} ± {error}")

@@ -27,6 +27,9 @@ VERDICTS = {
 }
 
 
+SURE, PROBABLE = 0.9, 0.5
+"""Probabilities from which on an effect is said to be missing, and to be probably missing."""
+
 SHOWN_RUNS = 8
 """The most runs whose own values stand in a sentence."""
 
@@ -55,7 +58,7 @@ def headline(result: Criticism) -> str:
         return _compared(result)
     if result.verdict == "missing_effect":
         besides = f"; besides, {_differs(result)}" if result.changes else ""
-        return f"The model misses {effects}{besides}{_not_all(result)}."
+        return f"The model {_misses(result)} {effects}{besides}{_not_all(result)}."
     if result.verdict == "tie":
         return f"Something is missing, and the data cannot tell which: {effects_in_words(tie_members(result), 'or')}."
     if result.verdict == "adequate":
@@ -76,6 +79,13 @@ def headline(result: Criticism) -> str:
     if result.interrupted:
         return f"The model is wrong, and the search was stopped before it could say why{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
+
+
+def _misses(result: Criticism) -> str:
+    """How surely: ``misses``, ``probably misses`` or ``may miss``, by the least probable of what was accepted."""
+    known = [c.probability for c in result.candidates if c.accepted and c.probability is not None]
+    least = min(known, default=1.0)
+    return "misses" if least >= SURE else "probably misses" if least >= PROBABLE else "may miss"
 
 
 def _does(result: Criticism) -> str:
@@ -129,7 +139,7 @@ def put_right(result: Criticism) -> str:
             "again before you use them."
         )
     values = "its values and refined.xml are fitted to the mended table."
-    if keys_of(result.wiring):
+    if keys_of(result.wiring.lines):
         return f"refined.toml has the fault put right; {values}"
     return f"refined.toml reads the table with the fault, which can only be put right there; {values}"
 

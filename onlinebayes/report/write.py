@@ -11,7 +11,7 @@ from onlinebayes.report.html import to_html
 from onlinebayes.report.json import to_json
 from onlinebayes.report.recording import write_recording
 from onlinebayes.report.refined import left_out, noted, write_refined
-from onlinebayes.runs import Attempts, write_atomic
+from onlinebayes.runs import Attempts, together, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")
 """Files that every command writes."""
@@ -25,9 +25,9 @@ def write_report(
     problem: str | Path | None = None,
     attempts: Attempts | None = None,
 ) -> tuple[str, ...]:
-    """Write report.json, report.html and run.rrd, and for ``refine`` the refined model, each file atomically.
+    """Write report.json, report.html and run.rrd, and for ``refine`` the refined model: they appear together.
 
-    A part that fails leaves the others as they are.
+    A part that fails leaves the others as they are; on a full disk none is written.
 
     Args:
         result: what ``compare``, ``diagnose`` or ``refine`` returned.
@@ -40,10 +40,18 @@ def write_report(
         Names of the files written.
 
     Raises:
-        BadInput: the folder cannot be made or written.
+        BadInput: the folder cannot be made or written, or the disk is full.
     """
-    folder, noting = Path(out_dir), attempts or Attempts()
+    noting = attempts or Attempts()
     begun = len(noting.errors)
+    with together():
+        written = _write(result, Path(out_dir), title, problem, noting)
+    if noting.errors[begun:] and (attempts is None or not written):
+        raise noting.errors[begun]
+    return tuple(written)
+
+
+def _write(result: Criticism, folder: Path, title: str, problem: str | Path | None, noting: Attempts) -> list[str]:
     result = noting.made("a note on refined.xml", lambda: noted(result), result)
     refined = write_refined(result, folder, problem, noting) if result.command == "refine" else ()
     lacking: Mapping[str, str] = {}
@@ -60,9 +68,7 @@ def write_report(
         with noting.attempt(name):
             write(folder / name)
             written.append(name)
-    if noting.errors[begun:] and (attempts is None or not written):
-        raise noting.errors[begun]
-    return tuple(written)
+    return written
 
 
 def _with_failures(result: Criticism, attempts: Attempts) -> Criticism:

@@ -3,10 +3,10 @@
 from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.digest import NoDigest, digest, source_digest
-from onlinebayes.runs.errors import BadInput, UnknownName
-from onlinebayes.runs.files import atomic_path, write_atomic
+from onlinebayes.runs.errors import BadInput, DiskFull, UnknownName
+from onlinebayes.runs.files import atomic_path, together, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
-from onlinebayes.runs.lock import Lock
+from onlinebayes.runs.lock import Lock, NoLocks
 from onlinebayes.runs.memo import FolderMemo, Kept, Memo, NoMemo, remembered, users_memo
 from onlinebayes.runs.memory import give_back_freed_memory
 from onlinebayes.runs.names import nearest, similar
@@ -31,12 +31,14 @@ __all__ = [
     "BadInput",
     "Checkpoint",
     "Checkpoints",
+    "DiskFull",
     "FolderMemo",
     "Interrupt",
     "Kept",
     "Lock",
     "Memo",
     "NoDigest",
+    "NoLocks",
     "NoMemo",
     "OwnRandom",
     "Progress",
@@ -74,6 +76,7 @@ __all__ = [
     "similar",
     "source_digest",
     "to_toml",
+    "together",
     "users_memo",
     "write_atomic",
 ]

@@ -5,7 +5,7 @@
         search.run()                                    # whatever it raises is noted, and the work goes on
     page = attempts.made("the page", render, "")        # the same for a value, with what stands in its place
 
-A stop is no failure: :class:`.interrupt.Stopped` and Ctrl-C go through.
+A stop is no failure: :class:`.interrupt.Stopped` and Ctrl-C go through. So does a full disk, on which no part has room.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar, final
 
-from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.errors import BadInput, DiskFull
 from onlinebayes.runs.interrupt import Stopped
 from onlinebayes.runs.printable import one_line
 
@@ -41,7 +41,7 @@ class Attempts:
         """A block that may fail: it ends there, and what follows goes on."""
         try:
             yield
-        except Stopped:
+        except (Stopped, DiskFull):
             raise
         except Exception as error:
             self.note(what, error)

@@ -17,6 +17,10 @@ class BadInput(ValueError):
         super().__init__(one_line("".join(parts)))
 
 
+class DiskFull(BadInput):
+    """There is no room for a file; what belongs to it would be half an answer, and no other part can be tried."""
+
+
 class UnknownName(BadInput, KeyError):
     """A name that a mapping does not hold.
 

@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
-from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.errors import BadInput, DiskFull
 
 PARTIAL = ".partial-"
 """Begins the name of every file that is still being written."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+_waiting: ContextVar[dict[Path, Path] | None] = ContextVar("_waiting", default=None)
+"""Destination -> what will replace it, within :func:`together`."""
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Files written within appear when the block ends, in the order in which they were written, or not at all."""
+    if _waiting.get() is not None:
+        yield
+        return
+    waiting: dict[Path, Path] = {}
+    token = _waiting.set(waiting)
+    try:
+        yield
+        for destination, temporary in waiting.items():
+            temporary.replace(destination)
+    finally:
+        _waiting.reset(token)
+        for temporary in waiting.values():
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -24,7 +50,7 @@ def atomic_path(destination: str | Path, *, durable: bool = False) -> Iterator[P
 
     Raises:
         BadInput: the folder cannot be made or written, a folder, a device or a pipe has the file's
-            name, or the disk is full.
+            name, or the disk is full (:class:`DiskFull`).
     """
     destination = Path(destination)
     if destination.is_dir():
@@ -37,11 +63,14 @@ def atomic_path(destination: str | Path, *, durable: bool = False) -> Iterator[P
             prefix=f"{PARTIAL}{destination.stem}-", suffix=destination.suffix, dir=destination.parent
         )
     except OSError as error:
+        if error.errno in FULL:
+            raise _full(error, destination) from error
         raise BadInput(
             f"cannot write here: {error.strerror}", "choose a folder you may write to", where=str(destination)
         ) from error
     os.close(handle)
-    temporary = Path(name)
+    temporary, waiting = Path(name), _waiting.get()
+    kept = False
     try:
         yield temporary
         # mkstemp makes files private; give the result the permissions an ordinary open() would have given it.
@@ -50,20 +79,28 @@ def atomic_path(destination: str | Path, *, durable: bool = False) -> Iterator[P
         temporary.chmod(0o666 & ~mask)
         if durable:
             _flush(temporary)
+        if waiting is not None:
+            if (older := waiting.pop(destination, None)) is not None:
+                older.unlink(missing_ok=True)
+            waiting[destination], kept = temporary, True
+            return
         temporary.replace(destination)
         if durable:
             _flush(destination.parent)
     except OSError as error:
         if error.filename not in (None, str(temporary)):
             raise  # about a file that the block reads
-        raise BadInput(
-            f"cannot be written: {error.strerror or error}",
-            "make room, or choose another folder",
-            where=str(destination),
-        ) from error
+        raise _full(error, destination) from error
     finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        if not kept:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def _full(error: OSError, destination: Path) -> BadInput:
+    kind = DiskFull if error.errno in FULL else BadInput
+    problem = f"cannot be written: {error.strerror or error}"
+    return kind(problem, "make room, or choose another folder", where=str(destination))
 
 
 def write_atomic(destination: str | Path, content: str | bytes, *, durable: bool = False) -> None:

@@ -16,6 +16,10 @@ from pathlib import Path
 from onlinebayes.runs.errors import BadInput
 
 
+class NoLocks(BadInput):
+    """The disk knows no locks."""
+
+
 class Lock:
     """A lock on a file.
 
@@ -31,7 +35,8 @@ class Lock:
         """Hold the lock from now on.
 
         Raises:
-            BadInput: another process holds it, which is named; the file cannot be written, or not be locked.
+            BadInput: another process holds it, which is named; the file cannot be written, or not be locked
+                (:class:`NoLocks`).
         """
         where = str(self.path.parent)
         try:
@@ -46,12 +51,16 @@ class Lock:
             holder = os.read(handle, 200).decode(errors="replace").strip() or "another process"
             os.close(handle)
             if not isinstance(error, BlockingIOError):
-                raise BadInput(
+                raise NoLocks(
                     f"the folder cannot be locked: {error.strerror}", "choose one on a local disk", where=where
                 ) from error
             raise BadInput(
                 f"the folder is in use by {holder}", "wait for it, or choose another folder", where=where
             ) from error
+        if not self._is_there(handle):  # discarded by its holder between the two calls
+            os.close(handle)
+            self.acquire()
+            return
         self._handle = handle
         _followed().add(self)
         # The text only tells others who holds the lock: on a full disk they are not told.
@@ -59,6 +68,20 @@ class Lock:
             os.ftruncate(handle, 0)
             now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
             os.write(handle, f"process {os.getpid()}, since {now}".encode())
+
+    def discard(self) -> None:
+        """Take the file away and let others have a lock on a new one; nothing happens where it is not held."""
+        if self._handle is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+            self.release()
+
+    def _is_there(self, handle: int) -> bool:
+        """Check whether an open file is still the one of this path."""
+        try:
+            return os.path.samestat(os.fstat(handle), os.stat(self.path))
+        except OSError:
+            return False
 
     def release(self) -> None:
         """Let others have it; nothing happens where it is not held."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -237,14 +237,21 @@ class Stepper:
         tau = list(drive.joints[..., k].unbind(0))
         bounds: dict[int, Tensor] = {}
         acting = [effect for effect in self.effects if effect.has_force]
+        acting.sort(key=lambda effect: effect.target_kind != "actuator")
+        added: dict[int, Tensor] = {}  # by effects at actuators, in the drive that those at joints see
         if not acting:
             return drive.joints[..., k], bounds
         for effect in acting:
             own = _own(effect, values)
             i, gear, seen = self._see(effect, values, q, v, hidden.get(effect.key), drive, k, self.timestep)
+            if gear is None and i in added:
+                seen = replace(seen, drive=seen.drive + added[i])
             force, bound, after = effect.force(own, seen), effect.friction_bound(own, seen), effect.advance(own, seen)
+            if force is not None and gear is not None:
+                force = force * gear
+                added[i] = added[i] + force if i in added else force
             if force is not None:
-                tau[i] = tau[i] + (force if gear is None else force * gear)
+                tau[i] = tau[i] + force
             if bound is not None:
                 bounds[i] = bounds[i] + bound if i in bounds else bound
             if after is not None:

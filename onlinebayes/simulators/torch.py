@@ -265,7 +265,10 @@ class TorchSimulator(Identifiable):
                 "a torch system has joints, actuators and signals, and the laws that its equations hold",
             )
         if effect.needs_servo or effect.changes_inertia:
-            raise BadInput(f"{effect.key} has no form in torch", "the inertia of a torch system is in its equations")
+            raise BadInput(
+                f"{effect.key} has no form in torch",
+                "a torch system's actuators do not know their motion, and its inertia is in its equations",
+            )
         known = self.targets(effect.target_kind)
         if effect.target not in known:
             problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"

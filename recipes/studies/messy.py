@@ -266,7 +266,7 @@ class Judge:
         )
 
         def held(evaluation: Evaluation) -> Mapping[str, float]:
-            return held_out_errors(search.evaluator, evaluation, task.held_runs)
+            return held_out_errors(search.evaluator, evaluation, task.held_runs, search.evaluator.windows.horizon)
 
         return Judge(search, {one.key: one for one in every}, held, held(base))
 

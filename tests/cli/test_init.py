@@ -146,9 +146,9 @@ def test_two_clocks_are_a_question(folder, capsys) -> None:
 
 
 def test_a_clock_of_an_unknown_word_is_the_column_that_rises(folder, capsys) -> None:
-    (folder / "lab.csv").write_text(table().replace("run,time", "run,Zeit_ms"))
+    (folder / "lab.csv").write_text(table().replace("run,time", "run,Zeit"))
     _, said = make(folder, capsys, log="lab.csv")
-    assert 'missing:   time: perhaps Zeit_ms; name it here: [time] column = "...", unit = "ms"' in said
+    assert 'missing:   time: perhaps Zeit; name it here: [time] column = "...", unit = "ms"' in said
 
 
 def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:

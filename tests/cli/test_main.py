@@ -32,7 +32,7 @@ def arguments(command: str, folder: Path, *more: str) -> list[str]:
 def test_a_command_writes_its_files_and_says_what_it_found(folder, capsys, monkeypatch, result, command):
     verdict = "unexplained" if command == "compare" else result.verdict
     made = dataclasses.replace(result, command=command, verdict=verdict)
-    monkeypatch.setattr(work, "criticise", lambda _command, _problem: made)
+    monkeypatch.setattr(work, "criticise", lambda _command, _problem, _budget: made)
     assert main(arguments(command, folder)) == 0
     out = folder / "out" / "here"
     wanted = {"report.json", "report.html", "run.rrd"} | (
@@ -49,7 +49,9 @@ def test_a_command_writes_its_files_and_says_what_it_found(folder, capsys, monke
 
 
 def test_looks_at_the_held_out_runs_are_counted_for_each_folder(folder, monkeypatch, result):
-    monkeypatch.setattr(work, "criticise", lambda _command, _problem: dataclasses.replace(result, holdout_looks=1))
+    monkeypatch.setattr(
+        work, "criticise", lambda _command, _problem, _budget: dataclasses.replace(result, holdout_looks=1)
+    )
     report = folder / "out" / "here" / "report.json"
     for looks in (1, 2, 3):
         assert main(arguments("compare", folder)) == 0
@@ -60,7 +62,7 @@ def test_looks_at_the_held_out_runs_are_counted_for_each_folder(folder, monkeypa
 
 
 def test_a_folder_that_nothing_was_written_to_is_not_left_behind(folder, capsys, monkeypatch):
-    def fails(_command, _problem):
+    def fails(*_arguments):
         assert (folder / "out" / "here").is_dir()
         raise ZeroDivisionError("a fault")
 
@@ -73,7 +75,7 @@ def test_a_folder_that_nothing_was_written_to_is_not_left_behind(folder, capsys,
 
 
 def test_ctrl_c_is_said_and_leaves_nothing(folder, capsys, monkeypatch):
-    def stopped(_command, _problem):
+    def stopped(*_arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(work, "criticise", stopped)
@@ -83,10 +85,25 @@ def test_ctrl_c_is_said_and_leaves_nothing(folder, capsys, monkeypatch):
 
 
 def test_a_search_that_was_stopped_still_reports(folder, capsys, monkeypatch, result):
-    monkeypatch.setattr(work, "criticise", lambda _command, _problem: dataclasses.replace(result, interrupted=True))
+    monkeypatch.setattr(
+        work, "criticise", lambda _command, _problem, _budget: dataclasses.replace(result, interrupted=True)
+    )
     assert main(arguments("refine", folder)) == 130
     assert (folder / "out" / "here" / "report.json").exists()
     assert "stopped before its end; the report holds what was found" in capsys.readouterr().err
+
+
+def test_a_budget_reaches_the_search_and_nonsense_is_refused(folder, capsys, monkeypatch, result):
+    given = []
+    monkeypatch.setattr(work, "criticise", lambda _command, _problem, budget: given.append(budget) or result)
+    assert main(arguments("refine", folder, "--budget", "40")) == 0
+    assert main(arguments("refine", folder)) == 0
+    assert given == [40.0, 300.0]
+    for wrong in ("0", "-3", "soon", "inf"):
+        capsys.readouterr()
+        assert main(arguments("refine", folder, f"--budget={wrong}")) == 2
+        assert f"{wrong} is no time: give seconds above 0" in capsys.readouterr().err
+    assert main(arguments("compare", folder, "--budget", "40")) == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -84,7 +84,7 @@ def test_a_stop_is_said_and_leaves_nothing(
         signal.raise_signal(number)
         assert interrupt.requested
 
-    monkeypatch.setattr(following, "criticise", lambda _command, _problem: SimpleNamespace(interrupted=False))
+    monkeypatch.setattr(following, "criticise", lambda _command, _problem, _budget: SimpleNamespace(interrupted=False))
     monkeypatch.setattr(following, "next_experiment", pressed)
     assert main(["next", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 130
     assert "stopped before its end; nothing is proposed" in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from onlinebayes.cli import next as following
 from onlinebayes.cli import work
 from onlinebayes.cli.main import main
+from onlinebayes.cli.outputs import writable
 from onlinebayes.criticism import Criticism
 from tests.report.synthetic import criticism, drive
 
@@ -24,7 +27,9 @@ def result() -> Criticism:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch, result: Criticism) -> None:
     """Commands that find at once what was found by hand."""
-    monkeypatch.setattr(work, "criticise", lambda command, _problem: dataclasses.replace(result, command=command))
+    monkeypatch.setattr(
+        work, "criticise", lambda command, _problem, _budget: dataclasses.replace(result, command=command)
+    )
 
 
 def at_work(*_arguments: object) -> Criticism:
@@ -121,3 +126,39 @@ def test_a_folder_within_a_linked_one_is_written(folder: Path, made: None) -> No
     (folder / "link").symlink_to("real")
     assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "link" / "out")]) == 0
     assert {path.name for path in (folder / "real" / "out").iterdir()} == REPORT
+
+
+def test_a_folder_that_another_command_writes_to_is_refused(folder: Path, capsys, monkeypatch, made) -> None:
+    out = folder / "out"
+    with writable(out):
+        assert main(["compare", str(folder / "carriage.toml"), "--out", str(out)]) == 2
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+        assert f"{out}: the folder is in use by process {os.getpid()}, since" in line
+    assert not out.exists()
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == REPORT
+
+
+@pytest.mark.parametrize("full", ["report.html", "run.rrd", "report.json"])
+def test_a_full_disk_is_one_line_and_leaves_the_report_before(folder: Path, capsys, monkeypatch, made, full) -> None:
+    out = folder / "out"
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(out)]) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    capsys.readouterr()
+    fill(monkeypatch, full)
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(out)]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+    assert f"{full}: cannot be written: No space left on device; make room" in line
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def fill(monkeypatch: pytest.MonkeyPatch, full: str) -> None:
+    """From now on there is no room for a file of this name."""
+    chmod = Path.chmod
+
+    def filled(path: Path, mode: int) -> None:
+        if path.name.startswith(f".partial-{Path(full).stem}-") and path.suffix == Path(full).suffix:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        chmod(path, mode)
+
+    monkeypatch.setattr(Path, "chmod", filled)

@@ -104,4 +104,4 @@ def held_out_error(
 ) -> float:
     """RMS of the position over the held-out runs [m]."""
     runs = split(measurement.seen(), holdout)[1]
-    return held_out_errors(explanation.evaluator, evaluation, runs)["qpos.rail"]
+    return held_out_errors(explanation.evaluator, evaluation, runs, explanation.windows.horizon)["qpos.rail"]

@@ -45,7 +45,7 @@ def test_the_whole_log_is_named_before_a_zero_or_one_column(monkeypatch: pytest.
         Rescaled("signal", ("qpos.arm",), math.pi / 180, "degrees for radians"),
         Rescaled("command", ("servo",), math.pi / 180, COMMAND[math.pi / 180]),
     )
-    monkeypatch.setattr(log_faults, "possible_faults", lambda *_: rivals)
+    monkeypatch.setattr(log_faults, "possible_faults", lambda *_, **__: rivals)
     search = start_search(model, table)
     found = log_faults.find_fault(search.evaluator, search.base, table)
     assert found is not None

@@ -316,3 +316,27 @@ def test_a_big_table_is_read_in_pieces(tmp_path):
     m = read(tmp_path, HEAD + "\n".join(lines))
     assert m.lengths.tolist() == [rows]
     assert float((m.data["signal"][0, :, 0] - torch.sin(m.data["time"][0])).abs().max()) < 1e-6
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_truth_values_as_commands_are_said(tmp_path, suffix):
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    text = "time,ctrl.motor,enable.motor,qpos.carriage\n0,True,True,0\n1,False,True,0\n"
+    (tmp_path / "log.csv").write_text(text)
+    told, enabled = [True, False], [True, True]
+    columns = {"time": [0.0, 1.0], "ctrl.motor": told, "enable.motor": enabled, "qpos.carriage": [0.0, 0.0]}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    notes: list[str] = []
+    found = reader(notes).read([tmp_path / f"log.{suffix}"])
+    assert found.data["command"][0, :, 0].tolist() == [1.0, 0.0]
+    path = tmp_path / f"log.{suffix}"
+    assert notes == [f"{path}: 'ctrl.motor' is written as True and False: read as commands of 1 and 0"]
+
+
+@pytest.mark.parametrize(("told", "seen", "said"), [("0", "1", True), ("0", "0", False), ("1", "1", False)])
+def test_commands_of_zeros_beside_a_motion_are_said(tmp_path, told, seen, said):
+    notes: list[str] = []
+    (tmp_path / "log.csv").write_text(f"time,ctrl.motor,qpos.carriage\n0,0,0\n1,{told},{seen}\n")
+    reader(notes).read([tmp_path / "log.csv"])
+    line = "every command is 0 in every row, while qpos.carriage moves: are they in other columns?"
+    assert notes == [line] * said

@@ -156,3 +156,25 @@ def test_speeds_in_degrees_show_by_the_change_of_the_positions(tmp_path: Path) -
     radians = {name: np.radians(cells) for name, cells in speeds.items()}
     content = tomllib.loads(drafted(tmp_path, arm(), moved(60.0) | radians).text)
     assert content["signals"] == {"qpos.*": {"unit": "deg"}}
+
+
+def test_topics_of_other_rates_on_clocks_of_two_columns_show_degrees_together(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(arm())
+    degrees = {name: np.degrees(cells) for name, cells in moved(0.9).items()}
+    logs = {"states": ("qpos", np.arange(400)), "orders": ("ctrl", np.arange(0, 400, 3))}
+    for log, (kind, rows) in logs.items():
+        own = {name.replace(".", "_"): cells for name, cells in degrees.items() if name.startswith(kind)}
+        lines = [
+            ",".join([f"{50 + k // 50}", f"{k % 50 * 20_000_000}", *(f"{cells[k]:.4f}" for cells in own.values())])
+            for k in rows
+        ]
+        (tmp_path / f"{log}.csv").write_text("\n".join([",".join(["sec", "nanosec", *own]), *lines]) + "\n")
+    made = draft(tmp_path / "arm.xml", [tmp_path / f"{log}.csv" for log in logs], tmp_path / "arm.toml")
+    (tmp_path / "arm.toml").write_text(made.text)
+    file = tomllib.loads(made.text)
+    assert file["time"] == {"column": "sec", "unit": "s", "rest": "nanosec"}
+    assert file["signals"]["qpos.*"] == {"unit": "deg"}
+    assert file["commands"]["*"] == {"unit": "deg"}
+    measured = load_problem(tmp_path / "arm.toml").measurement
+    assert measured.runs == ("states+orders",)
+    assert float(measured.data["signal"].nan_to_num().abs().max()) == pytest.approx(0.9, abs=0.01)

@@ -226,6 +226,15 @@ def test_the_beginning_of_runs_may_be_skipped(folder):
         load_problem(write(folder, PROBLEM.replace("holdout", "skip_s = -1\nholdout")))
 
 
+def test_how_commands_go_between_rows_may_be_said(folder):
+    def loaded(line):
+        return load_problem(write(folder, PROBLEM.replace("holdout", f"{line}\nholdout"))).measurement.between_rows
+
+    assert (loaded(""), loaded('commands_between_rows = "curve"')) == (None, "curve")
+    with pytest.raises(BadInput, match="commands_between_rows: 'line' is unknown; use held or curve"):
+        loaded('commands_between_rows = "line"')
+
+
 def test_measurements_may_lie_in_the_folder_of_data(folder, tmp_path_factory, monkeypatch):
     data = tmp_path_factory.mktemp("data")
     (folder / "carriage.csv").rename(data / "carriage.csv")

@@ -29,6 +29,10 @@ BORROWED_UNITS = {
     ("actuator_dead_zone", "width"): "the command's",
     ("actuator_saturation", "limit"): "the actuator's force, N or N m before the gear",
     ("back_emf", "constant"): "N s/m or N m s/rad before the gear",
+    ("servo_law", "limit"): "the actuator's force, N or N m before the gear",
+    ("servo_law", "back_emf"): "the actuator's force per speed of the joint",
+    ("servo_law", "dead_band"): "the joint's, m or rad",
+    ("servo_law", "sag"): "one over the actuator's force squared",
     ("parameter_step", "size"): "the parameter's",
 }
 

@@ -17,13 +17,13 @@ from recipes.studies import reliability
 from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.reliability import in_machine, learn, logistic, statements, tabulate
 
-COEFFICIENTS = (1.5, -1.0, 1.0, 0.5, 0.3, -0.5)
+COEFFICIENTS = (1.5, -1.0, 1.0, 0.5, 0.3, -0.5, 0.6)
 
 
 def said(draw: torch.Generator) -> Named:
-    left, certain, large, place = torch.rand(4, generator=draw).tolist()
+    left, certain, large, place, away = torch.rand(5, generator=draw).tolist()
     gain = 0.1 * 30**large
-    return Named("a@x", (), (1.0,), gain, gain / 100**certain, gain, int(3 * place), 10**left)
+    return Named("a@x", (), (1.0,), gain, gain / 100**certain, gain, int(3 * place), 10**left, 30**away)
 
 
 @pytest.fixture

@@ -75,6 +75,18 @@ def test_what_leaves_noise_alone_is_named_without_a_reservation() -> None:
     assert "The model misses dry friction and constant load at carriage." in check(to_html(result, title="drive.toml"))
 
 
+@pytest.mark.parametrize(("p", "said"), [(0.97, "misses"), (0.7, "probably misses"), (0.3, "may miss")])
+def test_the_headline_is_as_sure_as_the_least_probable_name(p: float, said: str) -> None:
+    result = criticism()
+    first, second = (c for c in result.candidates if c.accepted)
+    known = {first.effect: 0.999, second.effect: p}
+    candidates = tuple(dataclasses.replace(c, probability=known.get(c.effect)) for c in result.candidates)
+    page = check(to_html(dataclasses.replace(result, candidates=candidates), title="drive.toml"))
+    assert f"The model {said} dry friction and constant load at carriage" in page
+    assert "above 0.99" in page
+    assert f"{p:.2f}" in page
+
+
 def test_the_first_screen_answers_the_four_questions() -> None:
     page = to_html(criticism(), title="drive.toml", refined=("refined.toml", "refined.xml"))
     text = check(page).partition("What to do next")[0]

@@ -36,6 +36,7 @@ def test_values_are_the_results_own() -> None:
     assert found["schema"] == 1
     assert found["verdict"] == "missing_effect"
     assert found["accepted"] == ["dry_friction@carriage", "constant_load@carriage"]
+    assert all(candidate["probability"] is None for candidate in found["candidates"])
     assert found["heldout_error"]["before"] == {SIGNAL: result.heldout_error.before[SIGNAL]}
     assert found["heldout_error"]["horizon_s"] == {SIGNAL: 1.0}
     assert found["remainder"] == {

@@ -59,6 +59,12 @@ def test_the_problem_is_kept_and_the_effects_are_added(folder: Path) -> None:
     assert "# fitted: 95.1 ± 1.5 kg" in text
 
 
+def test_the_problem_says_how_its_log_was_read(folder: Path) -> None:
+    read = dataclasses.replace(criticism(simulator=drive()), read_as='commands_between_rows = "curve"')
+    write_refined(read, folder / "out", folder / "drive.toml")
+    assert tomllib.loads((folder / "out" / "refined.toml").read_text())["commands_between_rows"] == "curve"
+
+
 def test_a_value_a_run_of_an_effect_stays_one(folder: Path) -> None:
     line = '"dry_friction@carriage.frictionloss" = { low = 0.0, high = 100.0, scope = "per_run" }'
     text = PROBLEM.replace("[signals", f"{line}\n[signals").replace('"all"', '"all"\nadd = ["dry_friction@carriage"]')

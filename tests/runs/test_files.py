@@ -8,7 +8,7 @@ import stat
 
 import pytest
 
-from onlinebayes.runs import BadInput, atomic_path, write_atomic
+from onlinebayes.runs import Attempts, BadInput, DiskFull, atomic_path, together, write_atomic
 from onlinebayes.runs.files import remove_partial
 
 
@@ -84,3 +84,33 @@ def test_a_pipe_is_not_replaced(tmp_path):
     with pytest.raises(BadInput, match="is a device or a pipe"):
         write_atomic(pipe, "text")
     assert pipe.is_fifo()
+
+
+def test_files_written_together_appear_together(tmp_path):
+    write_atomic(tmp_path / "b.txt", "old")
+    with together():
+        write_atomic(tmp_path / "a.txt", "1")
+        write_atomic(tmp_path / "a.txt", "2")
+        write_atomic(tmp_path / "b.txt", "new")
+        assert not (tmp_path / "a.txt").exists()
+        assert (tmp_path / "b.txt").read_text() == "old"
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.txt": "2", "b.txt": "new"}
+
+
+def test_a_disk_that_fills_leaves_what_was_there(tmp_path, monkeypatch):
+    """The second file finds no room: none of them appears, and no attempt takes it for a part that may fail."""
+    write_atomic(tmp_path / "a.txt", "old")
+    attempts = Attempts()
+
+    def answer() -> None:
+        with together():
+            write_atomic(tmp_path / "a.txt", "new")
+            with attempts.attempt("the second file"), atomic_path(tmp_path / "b.txt"):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(DiskFull, match=r"b\.txt: cannot be written: No space left on device; make room"):
+        answer()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+    write_atomic(tmp_path / "a.txt", "after")  # nothing waits any more
+    assert (tmp_path / "a.txt").read_text() == "after"

@@ -32,7 +32,7 @@ PRIOR = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.
 
 NATIVE_ONLY = (
     *("armature", "payload", "com_offset", "air_drag", "wind", "gravity_tilt", "back_emf"),
-    *("contact_friction", "contact_softness", "backlash"),
+    *("contact_friction", "contact_softness", "backlash", "servo_law"),
 )
 """Effects that MuJoCo alone carries."""
 

@@ -99,8 +99,10 @@ def propose(
 
 
 def _unservoed(simulator: Extensible, effect: Effect) -> bool:
-    """Check whether the effect is tried at joints with a servo only, and its target is none."""
-    return effect.tried_at_servos and effect.target not in simulator.servos
+    """Check whether the effect is tried at servos and their joints only, and its target is none."""
+    servos = simulator.servos
+    places = {*servos} if effect.target_kind == "joint" else {name for names in servos.values() for name in names}
+    return effect.tried_at_servos and effect.target not in places
 
 
 def _said(simulator: Extensible, effect: Effect) -> bool:

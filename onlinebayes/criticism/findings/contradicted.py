@@ -2,7 +2,8 @@
 
     while some a in h:   S_held(h - a) <= S_held(h)      h <- the h - a of the least S_held
 
-S_held is the score of the held-out windows, each from its best start (:mod:`..judging.held_out`), in nats. An addition
+S_held is the score of the held-out windows, as long as those of the reported error, each from its best start
+(:mod:`..judging.held_out`), in nats. An addition
 may fit what it was fitted to for a wrong reason; on runs that it has not seen it costs more than it brings then.
 """
 
@@ -23,17 +24,18 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import side_by_side
 
 
-def uncontradicted(explanation: Explanation, held: Measurement) -> tuple[Explanation, tuple[str, ...]]:
+def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) -> tuple[Explanation, tuple[str, ...]]:
     """Remove the additions that the held-out runs contradict from what was found; return their keys, too.
 
     Args:
         explanation: what the fit runs say.
         held: the held-out runs.
+        horizon: length of the windows over which their error is reported [s].
     """
     found, evaluator, gone = explanation.found, explanation.evaluator, list[str]()
-    score = _score(evaluator, found, held) if found is not explanation.base else 0.0
+    score = _score(evaluator, found, held, horizon) if found is not explanation.base else 0.0
     while keys := [one.key for one in found.hypothesis.additions if not isinstance(one, OwnValues)]:
-        simpler = side_by_side([partial(_without, explanation, found, key, held) for key in keys])
+        simpler = side_by_side([partial(_without, explanation, found, key, held, horizon) for key in keys])
         key, best, least = min(
             ((key, one, s) for key, (one, s) in zip(keys, simpler, strict=True)), key=lambda other: other[2]
         )
@@ -59,7 +61,7 @@ def _rivals(explanation: Explanation, found: Evaluation, gone: Sequence[str]) ->
 
 
 def _without(
-    explanation: Explanation, found: Evaluation, key: str, held: Measurement
+    explanation: Explanation, found: Evaluation, key: str, held: Measurement, horizon: float
 ) -> tuple[Evaluation | None, float]:
     """The hypothesis without one addition, and its score over the held-out runs [nats]; infinite without a fit."""
     hypothesis = found.hypothesis.minus(key)
@@ -68,12 +70,12 @@ def _without(
         simpler = evaluator.evaluate(FitRequest(hypothesis, [found.values], found.fitted.lin.starts))
     else:
         simpler = base
-    return simpler, math.inf if simpler is None else _score(evaluator, simpler, held)
+    return simpler, math.inf if simpler is None else _score(evaluator, simpler, held, horizon)
 
 
-def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> float:
+def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement, horizon: float) -> float:
     """Sum over signals of 1/2 log(error^2 + 1), errors of the held-out runs in floors."""
     names = [evaluator.given.signals[column] for column in evaluator.windows.columns]
     floors = dict(zip(names, evaluator.windows.noise.tolist(), strict=True))
-    errors = held_out_errors(evaluator, evaluation, held)
+    errors = held_out_errors(evaluator, evaluation, held, horizon)
     return sum(score_of(error / floors[name]) for name, error in errors.items())

@@ -12,16 +12,25 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+from onlinebayes.criticism.hypotheses.additions import AddedEffect
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals, laws
 from onlinebayes.criticism.hypotheses.weighing import weighted
+from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification.judging.hypothesis import Addition
+from onlinebayes.identification.results import Estimate
 from onlinebayes.runs import BadInput
 
 LEARNT = Path(__file__).with_name("learnt.json")
+
+
+FARTHEST = 30.0
+"""Standard deviations from nothing, beyond which more of them say no more."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,8 @@ class Named:
         least: the least gain over all ways of leaving data out [nats].
         place: 0 for what was added first.
         left: what the final model leaves of the worst signal [floors].
+        away: how far its size lies from nothing, in its own standard deviations; :data:`FARTHEST` at most, and of what
+            has no such size.
     """
 
     name: str
@@ -46,14 +57,16 @@ class Named:
     least: float
     place: int
     left: float
+    away: float = FARTHEST
 
 
 def evidence(said: Named) -> tuple[float, ...]:
-    """x: a constant, what is left, how certain and how large the gain is, how many equals, and how late it came."""
+    """x: a constant, what is left, how certain and large the gain, how many equals, how late, how far from nothing."""
     left = math.log(min(max(said.left, 1.0), 100.0))
     certain = math.log(min(max(said.gain / max(said.se, 1e-9), 1.0), 300.0)) / 3
     large = math.log(min(max(said.least, 0.01), 10.0)) / 3
-    return 1.0, left, certain, large, math.log1p(len(said.equals)), float(min(said.place, 2))
+    away = math.log(min(max(said.away, 0.3), FARTHEST)) / 3
+    return 1.0, left, certain, large, math.log1p(len(said.equals)), float(min(said.place, 2)), away
 
 
 @cache
@@ -68,12 +81,23 @@ def probability(said: Named) -> float:
     return 1 / (1 + math.exp(-sum(b * x for b, x in zip(_coefficients(), evidence(said), strict=True))))
 
 
-def names_said(explanation: Explanation, left: float) -> tuple[Named, ...]:
+def with_probabilities(candidates: Iterable[Candidate], named: Iterable[Named]) -> tuple[Candidate, ...]:
+    """Candidates with the probability of each that was said, or is equal to what was said."""
+    known: dict[str, float] = {}
+    for said in named:
+        p = probability(said)
+        for name, weight in zip((said.name, *said.equals), said.weights, strict=True):
+            known.setdefault(name, p * weight)
+    return tuple(replace(row, probability=known.get(row.effect)) for row in candidates)
+
+
+def names_said(explanation: Explanation, left: float, parameters: Mapping[str, Estimate]) -> tuple[Named, ...]:
     """Every name of an answer, in the order in which they were added.
 
     Args:
         explanation: what was found.
         left: what the final model leaves of the worst signal [floors].
+        parameters: of the final model, by name.
     """
     kept = laws(explanation.found.hypothesis)
     rounds = {one.added.addition.key: one for one in explanation.rounds if one.added is not None}
@@ -84,8 +108,23 @@ def names_said(explanation: Explanation, left: float) -> tuple[Named, ...]:
         others = equals(rounds[name])
         weights = _weights(explanation, name, others)
         first = added.gains[0]
-        found.append(Named(name, others, weights, first.gain, first.se, added.least, place, left))
+        found.append(
+            Named(
+                name, others, weights, first.gain, first.se, added.least, place, left, _away(added.addition, parameters)
+            )
+        )
     return tuple(found)
+
+
+def _away(addition: Addition, parameters: Mapping[str, Estimate]) -> float:
+    """How far the size of an effect lies from nothing [standard deviations]."""
+    if not isinstance(addition, AddedEffect):
+        return FARTHEST
+    effect = addition.effect
+    size = parameters.get(f"{effect.key}.{effect.magnitude}")
+    if size is None or size.sd <= 0:
+        return FARTHEST
+    return min(abs(size.mean - effect.neutral[effect.magnitude]) / size.sd, FARTHEST)
 
 
 def _weights(explanation: Explanation, name: str, others: tuple[str, ...]) -> tuple[float, ...]:

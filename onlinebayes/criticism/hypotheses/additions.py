@@ -59,6 +59,20 @@ class AddedEffect:
             return simulator.with_effect(self.effect)
         return _with_own(simulator, self.effect.key, unscoped(simulator).with_effect(self.effect), runs)
 
+    def at_end(self, values: Mapping[str, float]) -> bool:
+        """Check whether its fitted size is the largest that can be, in one run at least: no size explains the data.
+
+        Args:
+            values: of the fitted model, by name [SI].
+        """
+        first = self.effect.magnitude
+        bounds, neutral = self.effect.parameters[first], self.effect.neutral[first]
+        near = ON_BOUND * (bounds.high - bounds.low)
+        ends = [end for end in (bounds.low, bounds.high) if abs(end - neutral) > near]
+        entry = f"{self.effect.key}.{first}"
+        sizes = [value for name, value in values.items() if address_of(name) == entry]
+        return any(abs(size - end) <= near for size in sizes for end in ends)
+
     def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
         """One for each starting value of the effect."""
         effect, first = self.effect, self.effect.magnitude

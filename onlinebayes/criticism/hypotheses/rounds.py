@@ -6,9 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from onlinebayes.criticism.hypotheses.additions import AddedEffect
 from onlinebayes.criticism.hypotheses.screening import Prediction
 from onlinebayes.identification.judging.evaluator import Evaluation
 from onlinebayes.identification.judging.hypothesis import Addition
+from onlinebayes.identification.judging.rule import equally_good
 from onlinebayes.identification.judging.scoring import Gain
 
 
@@ -75,6 +77,19 @@ class Move:
         added = rounds[-1].added
         assert added is not None
         return cls(added.evaluation, tuple(rounds))
+
+
+def simplest_of_equals(found: Sequence[Evaluation], here: Evaluation) -> Evaluation:
+    """The one that gains most over ``here``, or one that is equally good with fewer parameters."""
+    best = min(found, key=lambda one: one.fitted.score)
+    won = [one.gain for one in best.gains(here)]
+    equal = [one for one in found if one is best or equally_good(best.gains(one), won)]
+    return min(equal, key=lambda one: len(one.fitted.theta))
+
+
+def at_end(addition: Addition, evaluation: Evaluation) -> bool:
+    """Check whether an effect has the largest size that can be."""
+    return isinstance(addition, AddedEffect) and addition.at_end(evaluation.values)
 
 
 def so_far(base: Evaluation, here: Evaluation) -> str:

@@ -1,6 +1,6 @@
-"""One law at every place that can have it, where all of them together leave no more than noise.
+"""One law at every place that can have it.
 
-    h <- h + law@a + law@b + ...      if no single addition leaves noise, these do, and the rule prefers each of them
+    h <- h + law@a + law@b + ...      if the rule prefers them together to the best single addition
 
 The joints of a machine are built alike. Where all of them lack the same, one alone explains little, and something else,
 such as a mass far from its value, may explain more: that law enters at all places at once. The search drops the places
@@ -12,11 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber
-from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
-from onlinebayes.identification.judging.rule import explains_half
+from onlinebayes.identification.judging.rule import preferred
 
 
 def law_of(addition: Addition) -> str | None:
@@ -30,7 +29,7 @@ def law_of(addition: Addition) -> str | None:
 
 
 def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: int) -> Iterator[Evaluation]:
-    """Each law that leaves noise at all its places, in the order of what the laws promise at one place.
+    """Each law that is preferred at all its places to the best single addition, the most promising one first.
 
     Args:
         evaluator: fits.
@@ -38,6 +37,9 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
         alone: what each addition does by itself.
         room: most places.
     """
+    if not alone.tried:
+        return
+    best = min((trial.evaluation for trial in alone.tried), key=lambda one: one.fitted.score)
     begun = {prediction.addition: prediction.begun for prediction in alone.screened}
     for law in dict.fromkeys(filter(None, (law_of(trial.addition) for trial in alone.tried))):
         places = [addition for addition in begun if law_of(addition) == law]
@@ -46,18 +48,5 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
         hypothesis = Hypothesis((*here.hypothesis.additions, *places))
         both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, -1)]
         found = evaluator.evaluate(FitRequest(hypothesis, both, here.fitted.lin.starts, (here.values, {})))
-        if found is not None and _leaves_noise(evaluator, found, alone):
+        if found is not None and preferred(found.gains(best), best.gains(here)[0]):
             yield found
-
-
-def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:
-    """Check whether no more than noise is left in the steps that it asks for; no such step is tried in vain."""
-    best = min((trial.evaluation for trial in alone.tried), key=lambda one: one.fitted.score)
-    if at_noise_floor(found) or not explains_half(best.left_out[0], found.left_out[0]):
-        return at_noise_floor(found)
-    finer = evaluator.refined(found)
-    again = found if finer is evaluator else finer.anew(found)
-    if again is None or at_noise_floor(again):
-        return again is not None
-    other = with_original_integrator(finer, again)
-    return other is not None and at_noise_floor(other[1])

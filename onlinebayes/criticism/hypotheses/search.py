@@ -19,7 +19,7 @@ from functools import partial
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
-from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, so_far
+from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, at_end, simplest_of_equals, so_far
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
@@ -120,11 +120,15 @@ class Search:
         """One law at all its places, as a round for each, see :mod:`.same_law_at_all_places`; none without."""
         if at_noise_floor(here) or (alone.added is not None and at_noise_floor(alone.added.evaluation)):
             return []
-        for found in at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)):
-            best = self.pruned(found, entered=0)
-            new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
-            if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
-                return self.one_by_one(here, best, alone)
+        found = list(at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)))
+        if not found:
+            return []
+        self.current = simplest_of_equals(found, here)  # where the search is stopped now, it stands
+        best = self.pruned(self.current, entered=0)
+        new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
+        if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
+            return self.one_by_one(here, best, alone)
+        self.current = here
         return []
 
     def one_by_one(self, here: Evaluation, best: Evaluation, alone: Round) -> list[Round]:
@@ -164,6 +168,7 @@ class Search:
             for second in beside.tried:
                 both = replace(second, gains=second.evaluation.gains(here))
                 believed = first not in free or at_noise_floor(both.evaluation)
+                believed &= not any(at_end(one.addition, both.evaluation) for one in (first, second))
                 if believed and preferred(both.gains, here.gains(self.base)[0]):
                     yield first, both, beside
 
@@ -238,9 +243,12 @@ class Search:
         """Judge a fitted addition by the rule."""
         gains = evaluation.gains(here)
         refused = refusal(gains, here.gains(self.base)[0])
-        if prediction.addition in self.flexible and not at_noise_floor(evaluation):
+        addition = prediction.addition
+        if at_end(addition, evaluation):
+            refused = refused or "has the largest size that can be: no size of it explains the data"
+        if addition in self.flexible and not at_noise_floor(evaluation):
             refused = refused or "has too much freedom to be believed where it leaves more than noise"
-        return Trial(prediction.addition, evaluation, gains, refused)
+        return Trial(addition, evaluation, gains, refused)
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as it asks: as finely, or as a simulator would; the base model too."""

@@ -3,8 +3,9 @@
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Of all
 hinges, and of all slides, together: their unit. Per pair of joints: their columns swapped. Per orientation: the sign
 and the unit of its angular velocity, and what :mod:`.conventions` has. Per sensor: its sign and unit. Of all hinges and
-all commands together: their unit. Per actuator: the command's sign and unit; per pair: swapped. And once: signals or
-sensors that run ahead of the commands, where no orientation is among them, and a controller that carries the weight.
+all commands together: their unit. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller
+that carries the weight, and, where no orientation is among them, signals or sensors that run ahead of the commands, and
+columns a row apart.
 """
 
 from __future__ import annotations
@@ -37,12 +38,13 @@ from onlinebayes.simulators.identifiable import Identifiable
 TURNS = (math.pi / 2, -math.pi / 2, math.pi)
 
 
-def possible_faults(simulator: Identifiable, measurement: Measurement) -> tuple[Fault, ...]:
+def possible_faults(simulator: Identifiable, measurement: Measurement, late: bool = False) -> tuple[Fault, ...]:
     """Every fault to try, those of the signals first: where a command's explains as much, the signal's is named first.
 
     Args:
         simulator: the model; gives joints, their kinds and the actuators.
         measurement: gives the signals that were measured.
+        late: whether columns may be late: where effects are tried, that is one.
     """
     measured = {signal.name for signal in measurement.signals}
     return (
@@ -51,7 +53,7 @@ def possible_faults(simulator: Identifiable, measurement: Measurement) -> tuple[
         *_of_sensors([signal.name for signal in measurement.signals]),
         *_of_whole_log(simulator, measured),
         *_of_commands(simulator),
-        *(shifts(measurement) if simulator.commands and not orientation_paths(simulator)[0] else ()),
+        *(() if orientation_paths(simulator)[0] else shifts(measurement, bool(simulator.commands), late)),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
     )
 

@@ -2,12 +2,12 @@
 
     u_g = 1/h int_{t_g}^{t_{g+1}} u(t) dt,      y_g = y_i + dy/dt_i (t_g - t_i),   i the nearest measured row
 
-u(t) is the logged command, held between rows. A clock that is even already is left as it is; a jittering one is
-corrected to first order, and a grid row without a measurement within h / 2 has none. A replay is not held against
-values that were moved so: it is read where the sensor was, phi = (t_i - t_g) / h rows after row g
-(:mod:`.replaying.instants`). The average errs by about h^2 times an acceleration's change, which was taken for a late
-motor: where commands change between the measured rows, or rows jitter, the replay's own grid is finer than the
-sensor's (:func:`replay_step`).
+u(t) is the logged command, held between rows, or on a curve through them where it was sent more often
+(:mod:`.between_rows`). A clock that is even already is left as it is; a jittering one is corrected to first order, and
+a grid row without a measurement within h / 2 has none. A replay is not held against values that were moved so: it is
+read where the sensor was, phi = (t_i - t_g) / h rows after row g (:mod:`.replaying.instants`). The average errs by
+about h^2 times an acceleration's change, which was taken for a late motor: where commands change between the measured
+rows, or rows jitter, the replay's own grid is finer than the sensor's (:func:`replay_step`).
 Where a log pauses for more than ``PAUSE`` steps, or lost the row in which a command jumps (:mod:`.lost_rows`), nobody
 knows what was commanded: the run falls into pieces there, and no window bridges them.
 """
@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from onlinebayes.identification.data.between_rows import curve_through
 from onlinebayes.identification.data.lost_rows import filled, jumps, lost
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -43,6 +44,10 @@ EXACT = 0.05
 
 FINEST = 1e-3
 """No step [s] is cut below this: what happens within it moves no machine."""
+
+CURVE_PARTS = 4
+"""Rows of the replay for one of the log, about, where commands change within it: what a constant command leaves of the
+curve in a row acts by a sixteenth of what it would leave in the log's own."""
 
 AT_ROWS = 1e-3
 """Of a grid's step: what was measured as near as that to its rows was measured there."""
@@ -128,7 +133,14 @@ def replay_step(measurement: Measurement, timestep: float) -> float:
         step = min(step, float(apart.median()))
     if not all(_even(torch.cat(both), step) for both in instants):
         step = 0.0
-    return max(1, round(max(step, min(FINEST, measured)) / timestep)) * timestep
+    steps = max(1, round(max(step, min(FINEST, measured)) / timestep))
+    return (_parted(steps, timestep) if measurement.between_rows == "curve" else steps) * timestep
+
+
+def _parted(steps: int, timestep: float) -> int:
+    """Timesteps of the rows in which a curve between the measured rows is followed, a whole part of theirs."""
+    parts = [n for n in range(1, 2 * CURVE_PARTS) if steps % n == 0 and steps // n * timestep >= FINEST]
+    return steps // min(parts, key=lambda n: abs(n - CURVE_PARTS), default=1)
 
 
 def _measured_and_changed(measurement: Measurement) -> Iterator[tuple[Tensor, Tensor]]:
@@ -192,15 +204,18 @@ def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> 
     midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
     pause = time.diff() > max(longest, 2 * step)
     missing = torch.where(pause | measurement.held_over_gaps, 0, lost(time, data["measured"].any(-1)))
+    curved = measurement.between_rows == "curve"
+    parted = pause | jumps(data["command"], missing, curved)
+    go_on = curve_through(time, data["command"], parted) if curved else filled(time, data["command"], missing)
     return RunGrid(
         measurement.runs[r],
         float(data["time"][0]),
         step,
-        _average(*filled(time, data["command"], missing), grid, step),
+        _average(*go_on, grid, step),
         data["enable"][midpoint],
         reading - slope * late * step,
         observed,
-        _pauses(time, pause | jumps(data["command"], missing), step, count),
+        _pauses(time, parted, step, count),
         None if at_rows else reading,
         None if at_rows else late,
     )

@@ -47,16 +47,19 @@ def lost(time: Float[Tensor, " T"], measures: Bool[Tensor, " T"]) -> Int[Tensor,
     return torch.where(gap, steps.round().long() - 1, 0)
 
 
-def jumps(command: Float[Tensor, "T U"], missing: Int[Tensor, " T_1"]) -> Bool[Tensor, " T_1"]:
-    """Between which rows a command jumps where rows are lost."""
+def jumps(
+    command: Float[Tensor, "T U"], missing: Int[Tensor, " T_1"], everywhere: bool = False
+) -> Bool[Tensor, " T_1"]:
+    """Between which rows a command jumps at an unknown instant: where rows are lost, or between any two rows."""
     change = command.diff(dim=0).abs()
     whole = missing == 0
-    if not bool((~whole).any()) or not bool(whole.any()):
-        return ~whole & False
+    unknown = whole | True if everywhere else ~whole
+    if not bool(unknown.any()) or not bool(whole.any()):
+        return unknown & False
     usual = change[whole].median(0).values
     spread = command.amax(0) - command.amin(0)
     large = (change > JUMP_ROWS * (missing[:, None] + 1) * usual) & (change > JUMP_SHARE * spread)
-    return ~whole & large.any(1)
+    return unknown & large.any(1)
 
 
 def filled(

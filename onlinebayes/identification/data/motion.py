@@ -25,6 +25,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 SHIFT = 0.37  # [m, rad], no part of a turn
 ALIKE = 1e-9  # of the velocities' size
 INSIDE = 0.37  # of the unit cube
+FEWEST_ROWS = 3  # of a run that shows an acceleration
 
 
 @dataclass(frozen=True)
@@ -101,15 +102,19 @@ def check_seen(simulator: Identifiable, joints: Sequence[str], names: Sequence[s
 
 
 def check_runs(joints: Sequence[str], measurement: Measurement) -> None:
-    """Every run has a value of the signal by which each joint is seen: a joint without one would rest at 0.
+    """Every run has a value of the signal by which each joint is seen, and one has rows enough to show a motion.
+
+    A joint without a value would rest at 0.
 
     Args:
         joints: the simulator's, in its order.
         measurement: the runs.
 
     Raises:
-        BadInput: a joint that no signal shows, or not in one of the runs.
+        BadInput: a joint that no signal shows, or not in one of the runs; runs of fewer than three rows.
     """
+    if int(measurement.lengths.max()) < FEWEST_ROWS:
+        raise BadInput(f"no run has more than {FEWEST_ROWS - 1} rows", "record runs of many rows; a run is one motion")
     names = [signal.name for signal in measurement.signals]
     shown = [seen_by(joint, names) for joint in joints]
     measured = measurement.data["measured"].any(1)

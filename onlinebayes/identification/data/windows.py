@@ -9,6 +9,7 @@ starts at the window's median, at rest, is not freed, and its signals are not sc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -149,6 +150,20 @@ class Windows:
             *(() if self.late is None else ("late",)),
         )
         return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+    def of_runs(self, names: Sequence[str]) -> Windows:
+        """Select the windows of some runs, as windows of a measurement of these runs alone.
+
+        Args:
+            names: of runs, in the order of that measurement.
+        """
+        numbers = [self.runs.index(name) for name in names]
+        place = torch.full((len(self.runs),), -1, dtype=self.run.dtype, device=self.run.device)
+        place[numbers] = torch.arange(len(names), dtype=self.run.dtype, device=self.run.device)
+        mine = self.select((place[self.run] >= 0).nonzero()[:, 0])
+        histories = tuple(self.run_histories[r] for r in numbers) if self.run_histories else ()
+        begin = tuple(self.begin[r] for r in numbers)
+        return replace(mine, run=place[mine.run], runs=tuple(names), begin=begin, run_histories=histories)
 
 
 def joint_names(simulator: Measured) -> tuple[str, ...]:

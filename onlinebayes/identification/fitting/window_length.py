@@ -1,6 +1,6 @@
 """The length of the windows, found by doubling: the longest over which the model still says something.
 
-    longer while   windows >= 15,   base error < spread / 2 in every signal,   growth of a start's error < 5
+    longer while   windows >= 15,   base error < .15 spread in every signal,   growth of a start's error < 5
 
 A window in which the model has gone astray says nothing about what is missing; a short one hides what is slow. Windows
 that exceed the budget are thinned, evenly over the runs.
@@ -45,8 +45,9 @@ FEW = 30
 FIRST_STEPS = 4
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
 
-LOST = 0.5
-"""Of a signal's spread in its windows: beyond, the replay has lost the machine."""
+LOST = 0.15
+"""Of a signal's spread in its windows: beyond, the replay is too far from the machine for a linear prediction of what
+would mend it."""
 
 INSIDE_NOISE = 2.0
 """Floors: a smaller error is no sign of having lost anything, however little a signal moves."""

@@ -39,10 +39,18 @@ STEPS = 3
 """Of starts and own values: the replay bends little between a smoothed start and the best one."""
 
 
-def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> dict[str, float]:
-    """RMS of each signal over the windows of runs that were not fitted [its unit]; inf where the replay diverges."""
-    fitted = evaluator.windows
-    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.discretisation.values)
+def held_out_errors(
+    evaluator: Evaluator, evaluation: Evaluation, held: Measurement, horizon: float
+) -> dict[str, float]:
+    """RMS of each signal over the windows of runs that were not fitted [its unit]; inf where the replay diverges.
+
+    Args:
+        evaluator, evaluation: a hypothesis fitted to other runs.
+        held: the runs.
+        horizon: length of the windows [s].
+    """
+    noise = evaluator.windows.noise
+    windows = windows_of(evaluator.given, held, horizon, noise, evaluator.discretisation.values)
     simulator = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, held.runs)
     theta = theta_of(simulator, evaluation.values)  # a new run's own value begins at the mean of the fitted runs'
     errors = _left(simulator, windows, theta) * windows.noise

@@ -12,7 +12,10 @@ fitted to may be useless where no run went.
 What is left out is predicted by theta without it, one step of least squares within the bounds, no new fit; its starts
 and its own values are estimated inside it.
 
-    se^2 = (F - 1) / F sum_f (gain_-f - mean)^2        the jackknife over the folds (Efron and Stein 1981)
+    t = mean_f d_f / (sd_f d_f / sqrt F),    d_f = S_f(other) - S_f(this)      paired, fold by fold (Diebold and Mariano
+    se = gain / t                                                              1995), so that gain / se is certainty
+
+Folds pooled and left out in turn (a jackknife) would call uncertain what every fold confirms, where one fold errs most.
 
 Two hypotheses are compared over the windows that both predict. A fault of the log may leave windows without a measured
 value: it gains nothing by that.
@@ -98,12 +101,6 @@ class LeftOut:
         return score_parts(*self.of_folds).sum(-1)
 
     @property
-    def without_fold(self) -> Float[Tensor, " F"]:
-        """S without each of the folds."""
-        squares, counts = self.of_folds
-        return score_parts(squares.sum(0) - squares, counts.sum(0) - counts).sum(-1)
-
-    @property
     def rms(self) -> Float[Tensor, " S"]:
         """Left-out RMS of every signal [noise floors]."""
         return (self.squares.sum((0, 1)) / self.counts.sum((0, 1)).clamp_min(1)).sqrt()
@@ -115,7 +112,7 @@ class Gain:
 
     Args:
         by_signal: S of the other minus S of this, in each signal.
-        se: the jackknife's standard error of their sum.
+        se: standard error of their sum; as large as it where the folds, each by itself, do not gain on average.
         folds, worse: F, and those of them that it predicts worse.
     """
 
@@ -152,12 +149,16 @@ def in_common(one: LeftOut, other: LeftOut) -> tuple[LeftOut, LeftOut]:
 def gain(better: LeftOut, other: LeftOut) -> Gain:
     """Compute the gain of ``better`` over ``other``, over what both predict."""
     better, other = in_common(better, other)
-    differences = other.without_fold - better.without_fold
-    F = len(differences)
-    spread = float(differences.var(correction=0)) * (F - 1)
-    worse = int((better.fold_scores > other.fold_scores + 1e-12).sum())
     by_signal = (other.by_signal - better.by_signal).tolist()
-    return Gain(tuple(by_signal), math.sqrt(spread), F, worse)
+    own = other.fold_scores - better.fold_scores
+    return Gain(tuple(by_signal), _standard_error(sum(by_signal), own), len(own), int((own < -1e-12).sum()))
+
+
+def _standard_error(gain: float, own: Float[Tensor, " F"]) -> float:
+    """gain / t, t of the folds' own gains; the gain itself where these do not say the same."""
+    if len(own) < 2 or gain * float(own.mean()) <= 0:
+        return abs(gain)
+    return gain / float(own.mean()) * float(own.std()) / math.sqrt(len(own))
 
 
 def folds_of(windows: Windows) -> Int[Tensor, " W"]:

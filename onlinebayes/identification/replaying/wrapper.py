@@ -61,7 +61,7 @@ class SimulatorWrapper(Identifiable):
         return self.physics.moving_joints
 
     @property
-    def servos(self) -> tuple[str, ...]:
+    def servos(self) -> Mapping[str, tuple[str, ...]]:
         """Those of the physics."""
         return self.physics.servos
 

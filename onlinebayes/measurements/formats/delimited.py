@@ -29,6 +29,8 @@ LONGEST_LINE = 4_000_000
 """Characters in one line; what is longer is no table, and would be held in memory as a whole."""
 
 SWITCHED = {"true": "1", "false": "0"}
+FEW = 100
+"""Rows in which a column of truth values shows one."""
 NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -52,11 +54,14 @@ class CsvSource(Source):
         _check_separator(names, path)
         super().__init__(path, names)
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`."""
         parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
         numbers: list[np.ndarray] = []
         places = {name: self.names.index(name) for name in names}
+        switches: set[str] = set()
         with csv_rows(self.path) as rows:
             next(rows)
             for chunk, at in _chunks(rows, len(self.names), self.path):
@@ -65,11 +70,16 @@ class CsvSource(Source):
                 for name, place in places.items():
                     if name in text:
                         parts[name].append(np.array([cell.strip() for cell in cells[place]], dtype=object))
+                    elif name in exact and (whole := _whole(cells[place])) is not None:
+                        parts[name].append(whole)
                     else:
                         parts[name].append(_numbers(cells[place], name, self.path, at, name in held))
+                        if name in held and any(cell.strip().lower() in SWITCHED for cell in cells[place][:FEW]):
+                            switches.add(name)
         if not numbers:
             raise BadInput("a header and no rows", "give at least two rows a run", where=str(self.path))
-        return Columns({name: np.concatenate(part) for name, part in parts.items()}, np.concatenate(numbers))
+        values = {name: np.concatenate(part) for name, part in parts.items()}
+        return Columns(values, np.concatenate(numbers), switches)
 
 
 @contextmanager
@@ -142,6 +152,14 @@ def _chunks(rows: Iterator[list[str]], width: int, path: Path) -> Iterator[tuple
             chunk, at = [row for row in chunk if row], at[lengths > 0]
         if chunk:
             yield chunk, at
+
+
+def _whole(cells: Sequence[str]) -> np.ndarray | None:
+    """The cells as int64; None where one is no whole number, or has more bits."""
+    try:
+        return np.array([int(cell) for cell in cells], dtype=np.int64)
+    except (ValueError, OverflowError):
+        return None
 
 
 def _numbers(cells: Sequence[str], name: str, path: Path, rows: np.ndarray, held: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""MCAP logs: every channel in JSON or protobuf, as columns ``<topic>.<field>[<joint name>]`` (see ``messages.py``).
+"""MCAP logs: channels in JSON, protobuf or ROS 2's CDR, as columns ``<topic>.<field>[<joint>]`` (see ``messages.py``).
 
 The records are read one after the other, without the index, so that a log whose writer was killed is refused rather
 than half read. No chunk is unpacked beyond the size it declares, and none may declare more than ``LARGEST``.
@@ -8,11 +8,12 @@ Source of the format: https://mcap.dev/spec. Needs the extra ``mcap``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from onlinebayes.measurements.formats.cdr import MISSING, Decoder, cdr_decoder
 from onlinebayes.measurements.formats.messages import record
 from onlinebayes.measurements.formats.series import Recorder, SeriesSource
 from onlinebayes.runs import BadInput
@@ -23,32 +24,39 @@ LARGEST = 256 * 2**20
 MOST_UNPACKED = 16 * 2**30
 """Bytes of all chunks unpacked: a tiny file of many bombs would take hours."""
 
-Decoder = Callable[[bytes], Any]
-
 
 def mcap_source(path: Path) -> SeriesSource:
     """The numbers of an MCAP file.
 
     Raises:
-        BadInput: it is damaged or cut short, unpacks to far too much, has no channel in JSON or protobuf, or the
+        BadInput: it is damaged or cut short, unpacks to far too much, has no channel in JSON, protobuf or CDR, or the
             extra is missing.
     """
     recorder = Recorder(path)
-    try:
-        unreadable = _read(path, recorder)
-    except BadInput:
-        raise
-    except Exception as error:  # damaged bytes raise whatever the record, JSON or protobuf parser meets first
-        problem = f"is a damaged MCAP file: {type(error).__name__} {str(error)[:200]}"
-        raise BadInput(problem, "record it again, or mend it with 'mcap recover'", where=str(path)) from None
+    unreadable = read_mcap(path, recorder)
     if not recorder.series:
         seen = ", ".join(sorted(unreadable))[:200]
         raise BadInput(
-            f"no channel holds numbers in JSON or protobuf{f' (there are {seen})' if seen else ''}",
-            "record such a channel, or write a CSV table",
+            f"no channel holds numbers in JSON, protobuf or CDR{f' (there are {seen})' if seen else ''}",
+            f"for CDR {MISSING}" if "cdr" in unreadable else "record such a channel, or write a CSV table",
             where=str(path),
         )
-    return SeriesSource(path, recorder.series)
+    return SeriesSource(path, recorder.tied())
+
+
+def read_mcap(path: Path, recorder: Recorder) -> set[str]:
+    """Record every message of a file; returns the encodings that were left out.
+
+    Raises:
+        BadInput: see :func:`mcap_source`.
+    """
+    try:
+        return _read(path, recorder)
+    except BadInput:
+        raise
+    except Exception as error:  # damaged bytes raise whatever the record, JSON, protobuf or CDR parser meets first
+        problem = f"is a damaged MCAP file: {type(error).__name__} {str(error)[:200]}"
+        raise BadInput(problem, "record it again, or mend it with 'mcap recover'", where=str(path)) from None
 
 
 def _read(path: Path, recorder: Recorder) -> set[str]:
@@ -88,7 +96,12 @@ def _library(path: Path) -> tuple[Any, Any]:
 def _decoder(channel: Any, schemas: dict[int, Any], protobuf: Any) -> Decoder | None:
     if channel.message_encoding == "json":
         return json.loads
-    decode = protobuf.decoder_for(channel.message_encoding, schemas.get(channel.schema_id))
+    schema = schemas.get(channel.schema_id)
+    if channel.message_encoding == "cdr":
+        with suppress(ImportError):  # other channels can be read without
+            return None if schema is None else cdr_decoder(schema.name, schema.data.decode(), schema.encoding)
+        return None
+    decode = protobuf.decoder_for(channel.message_encoding, schema)
     return None if decode is None else lambda data: _plain(decode(data))
 
 

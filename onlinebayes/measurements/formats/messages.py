@@ -8,7 +8,8 @@
 | texts, bytes, longer lists, null                 | left out                                        |
 
 The instant is ``header.stamp``, ``stamp`` or ``timestamp`` where the message has one (seconds and nanoseconds), else
-the instant at which it was logged. Source: sensor_msgs/JointState, https://docs.ros.org/en/api/sensor_msgs.
+the instant at which it was logged; see :meth:`.series.Recorder.tied` where the two are of different clocks. Source:
+sensor_msgs/JointState, https://docs.ros.org/en/api/sensor_msgs.
 """
 
 from __future__ import annotations
@@ -39,10 +40,11 @@ def record(recorder: Recorder, topic: str, message: Any, logged: int) -> None:
     if not isinstance(message, Mapping):
         return
     instant = _stamp(message)
+    late = None if instant is None else logged - instant
     where = f"{recorder.path}, '{topic[:80]}'"
     for column, value in _numbers(message, topic, where, DEEPEST):
         try:
-            recorder.add(column, logged if instant is None else instant, float(value))
+            recorder.add(column, logged if instant is None else instant, float(value), late)
         except OverflowError:
             raise BadInput(f"{column[:80]} is too large a number", "write SI units", where=where) from None
 

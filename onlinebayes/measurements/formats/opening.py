@@ -2,7 +2,9 @@
 
 | begins with          | format                                                     |
 |----------------------|------------------------------------------------------------|
-| a folder             | LeRobot data set (it has ``meta/info.json``)               |
+| a folder             | ROS 2 bag (it has ``metadata.yaml``), LeRobot data set     |
+| ``SQLite format 3``  | ROS 2 bag                                                  |
+| ``ULog``             | PX4 flight log                                             |
 | ``PAR1``             | Parquet                                                    |
 | ``\\x89MCAP0\\r\\n``    | MCAP                                                       |
 | ``RRF``              | Rerun recording                                            |
@@ -17,11 +19,13 @@ from onlinebayes.measurements.formats.delimited import CsvSource
 from onlinebayes.measurements.formats.lerobot import lerobot_source
 from onlinebayes.measurements.formats.mcap import mcap_source
 from onlinebayes.measurements.formats.parquet import ParquetSource
+from onlinebayes.measurements.formats.rosbag import SQLITE, bag_source, is_bag
 from onlinebayes.measurements.formats.rrd import rrd_source
 from onlinebayes.measurements.formats.source import Source
+from onlinebayes.measurements.formats.ulog import MAGIC, ulog_source
 from onlinebayes.runs import BadInput
 
-NAMED = {".parquet": "Parquet", ".pq": "Parquet", ".mcap": "MCAP", ".rrd": "Rerun"}
+NAMED = {".parquet": "Parquet", ".pq": "Parquet", ".mcap": "MCAP", ".rrd": "Rerun", ".db3": "SQLite", ".ulg": "ULog"}
 PACKED = {
     b"\x1f\x8b": "packed by gzip",
     b"PK\x03\x04": "a ZIP archive (as .xlsx is)",
@@ -32,7 +36,7 @@ PACKED = {
 }
 """First bytes of files that hold a table and are not read."""
 
-_CURE = "name a CSV, Parquet, MCAP or Rerun file, or the folder of a LeRobot data set"
+_CURE = "name a CSV, Parquet, MCAP, ULog or Rerun file, a ROS 2 bag, or the folder of a LeRobot data set"
 
 
 def open_source(path: Path) -> Source:
@@ -43,26 +47,32 @@ def open_source(path: Path) -> Source:
     """
     try:
         if path.is_dir():
+            if is_bag(path):
+                return bag_source(path)
             return lerobot_source(path)
         if not path.exists():
             raise BadInput("no such file", "check its path", where=str(path))
         if not path.is_file():
             raise BadInput("is not a file", _CURE, where=str(path))
         with path.open("rb") as file:
-            start = file.read(8)
+            start = file.read(len(SQLITE))
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", _CURE, where=str(path)) from None
     if start.startswith(b"PAR1"):
         return ParquetSource(path)
-    if start == b"\x89MCAP0\r\n":
+    if start.startswith(b"\x89MCAP0\r\n"):
         return mcap_source(path)
+    if start == SQLITE:
+        return bag_source(path)
+    if start.startswith(MAGIC):
+        return ulog_source(path)
     if start.startswith(b"RRF"):
         return rrd_source(path)
     if not start:
         raise BadInput("the file is empty", "give a header and at least two rows", where=str(path))
     if (called := NAMED.get(path.suffix.lower())) is not None:
         raise BadInput(
-            f"is not a{'n' if called == 'MCAP' else ''} {called} file",
+            f"is not a{'n' if called in ('MCAP', 'SQLite') else ''} {called} file",
             "write it again, or name a CSV file .csv",
             where=str(path),
         )

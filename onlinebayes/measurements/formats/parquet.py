@@ -32,7 +32,9 @@ class ParquetSource(Source):
         self._stored = dict(zip(self.names, file.schema_arrow.names, strict=True))
         self._kinds = dict(zip(self.names, file.schema_arrow.types, strict=True))
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`; a null is an empty cell."""
         for name in names:
             if name in text and "list" in str(self._kinds[name]):
@@ -48,9 +50,12 @@ class ParquetSource(Source):
             column = table.column(self._stored[name])
             if name in text:
                 read[name] = _texts(column, name, self.path)
+            elif name in exact and (whole := _whole(column)) is not None:
+                read[name] = whole
             else:
                 read[name] = _numbers(column, name, self.path, name in held)
-        return Columns(read, np.arange(2, 2 + table.num_rows))
+        switches = [name for name in names if name in held and str(self._kinds[name]) == "bool"]
+        return Columns(read, np.arange(2, 2 + table.num_rows), switches)
 
 
 def read_parquet(path: Path, names: Sequence[str], text: Sequence[str] = ()) -> Any:
@@ -126,6 +131,18 @@ def _check_numbers(kind: Any, name: str, path: Path) -> None:
             "write time in seconds and values in SI units as float64",
             where=f"{path}, column '{name}'",
         )
+
+
+def _whole(column: Any) -> np.ndarray | None:
+    """The column as int64; None where it holds nulls, fractions or more bits."""
+    import pyarrow as pa
+
+    if not pa.types.is_integer(column.type) or column.null_count:
+        return None
+    try:
+        return column.cast(pa.int64()).to_numpy()
+    except pa.ArrowInvalid:
+        return None
 
 
 def _numbers(column: Any, name: str, path: Path, held: bool) -> np.ndarray:

@@ -19,6 +19,9 @@ from jaxtyping import Float, Int
 from onlinebayes.measurements.formats.source import MOST_COLUMNS, Columns, Source, check_cells, check_held
 from onlinebayes.runs import BadInput
 
+OTHER_CLOCK = 3600 * 1_000_000_000
+"""Lateness of a message beyond which its stamp is of another clock than the log's [ns]."""
+
 
 @dataclass(frozen=True)
 class Series:
@@ -43,14 +46,36 @@ class Recorder:
     def __init__(self, path: Path) -> None:
         self.path, self.series = path, dict[str, Series]()
         self._count = 0
+        self._stamped = set[str]()
+        self._late: int | None = None
 
-    def add(self, column: str, instant: int, value: float) -> None:
-        """One sample; raises :class:`BadInput` for an instant beyond 64 bits or a file that is far too large."""
+    def tied(self) -> dict[str, Series]:
+        """The series on one clock.
+
+        Where some have stamps of another clock than that of the others (simulated time, a device's own), more than
+        ``OTHER_CLOCK`` away, stamps are moved by the smallest lateness: the message that was logged soonest.
+        """
+        late = self._late or 0
+        if abs(late) < OTHER_CLOCK or self._stamped >= self.series.keys():
+            return self.series
+        return {
+            name: Series(array("q", [t + late for t in one.instants]), one.values) if name in self._stamped else one
+            for name, one in self.series.items()
+        }
+
+    def add(self, column: str, instant: int, value: float, late: int | None = None) -> None:
+        """One sample, logged ``late`` [ns] after its stamp where it has one.
+
+        Raises:
+            BadInput: an instant beyond 64 bits, or a file that is far too large.
+        """
         if (series := self.series.get(column)) is None:
             if len(self.series) == MOST_COLUMNS:
                 problem = f"more than {MOST_COLUMNS} columns"
                 raise BadInput(problem, "write only what was measured", where=str(self.path))
             series = self.series[column] = Series()
+            if late is not None:
+                self._stamped.add(column)
         self._count += 1
         if self._count % 65536 == 0:
             check_cells(2 * self._count, 1, self.path)  # an instant and a value
@@ -63,6 +88,8 @@ class Recorder:
                 where=f"{self.path}, '{column}'",
             ) from None
         series.values.append(value)
+        if late is not None and (self._late is None or late < self._late):
+            self._late = late
 
 
 class SeriesSource(Source):
@@ -81,7 +108,9 @@ class SeriesSource(Source):
         }
         self._start = min((int(instants[0]) for instants, _ in self._samples.values()), default=0)
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`; rows are counted from 1."""
         for name in held:
             check_held(self._samples[name][1], f"{self.path}, '{name}'")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,12 @@ class Columns(dict[str, np.ndarray]):
 
     Attributes:
         rows: (T,) numbers of the rows.
+        switches: names of number columns that were written as truth values.
     """
 
-    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray) -> None:
+    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray, switches: Collection[str] = ()) -> None:
         super().__init__(values)
-        self.rows = rows
+        self.rows, self.switches = rows, frozenset(switches)
 
 
 class Source(ABC):
@@ -63,13 +64,16 @@ class Source(ABC):
                 )
 
     @abstractmethod
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """Some columns.
 
         Args:
             names: which, all of them among ``self.names``.
             text: those that stay text; the others are numbers, nan where there is no value.
             held: number columns in which a written nan is an error, for their missing values mean the last one.
+            exact: number columns that stay int64 where all their cells are whole numbers, beyond 53 bits, too.
 
         Raises:
             BadInput: what cannot be read, with row and column.
@@ -89,7 +93,9 @@ class ArraySource(Source):
         super().__init__(path, tuple(values), joined=joined)
         self._values = values
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`."""
         for name in held:
             check_held(self._values[name], f"{self.path}, '{name}'")

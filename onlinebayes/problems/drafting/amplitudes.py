@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from onlinebayes.measurements.clocks import TIME
 from onlinebayes.measurements.formats import Columns, Source
 from onlinebayes.measurements.units import to_si
 from onlinebayes.problems.drafting.actuator_inputs import Input
@@ -109,7 +110,7 @@ def by_values(
     units: Mapping[str, str],
     inputs: Mapping[str, Input],
     sources: Sequence[Source],
-    clock: Match | None,
+    timed: bool,
 ) -> Read:
     """Look at every column of a position, a speed or a servo's command whose name says no unit.
 
@@ -120,10 +121,10 @@ def by_values(
         units: signal -> SI unit.
         inputs: what actuators are told.
         sources: the logs.
-        clock: for speeds.
+        timed: whether they have a column ``time``, for speeds.
     """
     try:
-        columns = _columns(model, matches, units, inputs, sources, clock)
+        columns = _columns(model, matches, units, inputs, sources, timed)
     except BadInput:  # a malformed row; its owner learns of it when all is read
         return Read(tuple(matches), ())
     positions = [one for one in columns if one.match.name.startswith("qpos.")]
@@ -174,7 +175,7 @@ def _columns(
     units: Mapping[str, str],
     inputs: Mapping[str, Input],
     sources: Sequence[Source],
-    clock: Match | None,
+    timed: bool,
 ) -> list[Column]:
     driven = {given.joint for given in inputs.values() if given.told == "qpos"}
     wanted = []
@@ -186,24 +187,24 @@ def _columns(
         if unit and not one.keys and kind in ("qpos", "qvel", "ctrl") and (kind != "ctrl" or told.told == "qpos"):
             wanted.append((one, unit, joint))
     names = [one.column for one, *_ in wanted]
-    tables = [source.columns([*names, *([clock.column] if clock else [])]) for source in sources] if names else []
+    tables = [source.columns([*names, *([TIME] if timed else [])]) for source in sources] if names else []
     found = []
     for one, unit, joint in wanted:
-        cells, speed = _values(one.column, tables, clock)
+        cells, speed = _values(one.column, tables, timed)
         if len(cells) > 1 and np.ptp(cells) > 0:
             span = _span(model, joint, one.name if one.name.startswith("ctrl.") else "")
             found.append(Column(one, unit, cells, speed, span, joint in driven))
     return found
 
 
-def _values(column: str, tables: Sequence[Columns], clock: Match | None) -> tuple[Float[np.ndarray, " T"], float]:
+def _values(column: str, tables: Sequence[Columns], timed: bool) -> tuple[Float[np.ndarray, " T"], float]:
     """Finite values of a column, and the speed that 99 of 100 steps do not exceed."""
     values, speeds = [], []
     for read in tables:
         known = np.isfinite(read[column])
         values.append(read[column][known])
-        if clock:
-            step = np.diff(read[clock.column][known]) * to_si(clock.unit or "s")
+        if timed:
+            step = np.diff(read[TIME][known])
             change = np.abs(np.diff(values[-1]))
             speeds.append(change[step > 0] / step[step > 0])
     speed = np.concatenate(speeds) if speeds else np.empty(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from onlinebayes.measurements.clocks import TIME
 from onlinebayes.measurements.units import SI
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.problems.drafting.matching import Match
@@ -28,6 +29,7 @@ def text_of(
     fixed: Mapping[str, str],
     questions: Sequence[str],
     name: str,
+    untied: Sequence[str] = (),
 ) -> str:
     """The file's text: its values with comments behind them, what is missing, and what else could stand there.
 
@@ -40,10 +42,13 @@ def text_of(
         fixed: free joints that nobody measured -> their bodies.
         questions: of the values of the log, to be answered by who knows.
         name: of the file.
+        untied: what is to be said of clocks that do not overlap.
     """
     comments = _comments(content, simulator, parameters, found)
     text = to_toml(content, head=HEAD.format(name=one_line(name)), comments=comments)
-    return text + _lacking(missing) + _welds(fixed) + _asked(questions) + _more(simulator, content.get("signals", {}))
+    clocks = "".join(f"\n# CLOCKS: {one_line(line)}\n" for line in untied)
+    more = _more(simulator, content.get("signals", {}))
+    return text + clocks + _lacking(missing) + _welds(fixed) + _asked(questions) + more
 
 
 def mapped(matches: Sequence[Match], units: Mapping[str, str]) -> dict[str, dict[str, dict[str, str | float]]]:
@@ -108,9 +113,11 @@ def _comments(
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
         comments["parameters", name] = f"{bounds.unit or 'no unit'}; the model has {value:g}"
-    comments["time", "column"] = "proposed by its name: check it"
+    clocks = [match.why for match in found if match.name == TIME]
+    comments["time", "column"] = f"{', '.join(dict.fromkeys(clocks)) or Match.why}: check it"
     comments["time", "unit"] = "check it"
-    for one in found:
+    comments["time", "rest"] = "what has passed since then [ns], in a column of its own"
+    for one in (match for match in found if match.name != TIME):
         kind, name = _place(one.name)
         if one.name.startswith("enable."):
             comments[kind, name, "enable"] = f"{one.why}: check it"

@@ -1,8 +1,8 @@
 """A first problem file from a model and its logs.
 
-Columns are matched by name (:mod:`.matching`), by what is in them where names do not say (:mod:`.log_columns`);
-parameters are chosen by what the logs tell apart (:mod:`.freeing`); the last runs are held out. What could
-not be matched stands in the file as a comment; with everything matched the file loads as it is.
+Every log has its clock (:mod:`.logs`); columns are matched by name, and by what is in them where names do not say
+(:mod:`.assignment`); parameters are chosen by what the logs tell apart (:mod:`.freeing`); the last runs are held out.
+What could not be matched stands in the file as a comment; with everything matched the file loads as it is.
 """
 
 from __future__ import annotations
@@ -11,37 +11,20 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from onlinebayes.identification import FEWEST_BLOCKS, completed, follow
-from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
-from onlinebayes.measurements.formats import open_source
-from onlinebayes.measurements.joining import joined
-from onlinebayes.measurements.units import to_si
-from onlinebayes.problems.drafting.actuator_inputs import actuator_inputs
-from onlinebayes.problems.drafting.amplitudes import by_values
+from onlinebayes.identification import FEWEST_BLOCKS, completed
+from onlinebayes.problems.drafting.assignment import LIKE_THE_MODEL, assign
+from onlinebayes.problems.drafting.clocks import Clock
 from onlinebayes.problems.drafting.draft_text import mapped, text_of
 from onlinebayes.problems.drafting.freeing import free_parameters
-from onlinebayes.problems.drafting.log_columns import (
-    check_rows,
-    clock_of,
-    is_numeric,
-    is_switch,
-    is_unit_of,
-    last_one,
-    rises,
-    run_names,
-    shared_columns,
-    wrenches_of,
-)
-from onlinebayes.problems.drafting.matching import Match, could_be
-from onlinebayes.problems.drafting.proposals import proposals, switches
-from onlinebayes.problems.drafting.surroundings import no_actuator, unmeasured_bodies, without_free
+from onlinebayes.problems.drafting.log_columns import check_rows, run_names
+from onlinebayes.problems.drafting.logs import measurement_of, open_logs
+from onlinebayes.problems.drafting.matching import Match
+from onlinebayes.problems.drafting.surroundings import no_actuator
 from onlinebayes.problems.model import signal_units
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.sensors import measured_sensors
-
-LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
 
 
 @dataclass(frozen=True)
@@ -56,6 +39,7 @@ class Draft:
         unused: columns of the logs that nothing takes.
         fixed: free joints that nobody measured -> their bodies, which may be welded.
         questions: what the values of the logs leave open, in lines.
+        untied: clocks that do not overlap, with what to write; nothing when the file is complete.
     """
 
     text: str
@@ -65,6 +49,7 @@ class Draft:
     unused: tuple[str, ...]
     fixed: Mapping[str, str]
     questions: tuple[str, ...]
+    untied: tuple[str, ...] = ()
 
 
 def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
@@ -72,70 +57,37 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     if not model.is_file():
         raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
     simulator = MujocoSimulator(model, threads=1)
-    sources = [open_source(log) for log in logs]
-    clock = clock_of(sources, shared_columns(sources))
-    if clock is not None:
-        sources = joined(sources, TimeColumn(clock.column, to_si(clock.unit or "s")))
-    shared = shared_columns(sources)
-    wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
-    column = "" if clock is None else clock.column
-    own = (
-        *measured_sensors(simulator.model, shared),
-        *(f"enable.{name}" for name in simulator.commands),
-        *wrenches_of(simulator, shared),
-    )
-    told = actuator_inputs(simulator.model)
-    matches = proposals(wanted, [name for name in shared if name not in ("run", column)], told)
-    units = signal_units(simulator)
-
-    def fits(found: Match) -> bool:
-        return is_unit_of(found.unit, units.get(found.name, ""))
-
-    matches = tuple(filter(fits, matches))
-    rest = [name for name in shared if name not in {"run", column, *(found.column for found in matches)}]
-    switched = [one for one in switches(simulator.commands, rest) if is_switch(sources, one.column)]
-    if clock is None and not matches:
-        raise BadInput(
-            "no column is one of the model's, and none a clock",
-            f"the model has {_few(wanted)}; the log has {_few(shared)}; write a problem file that maps them: "
-            f'[time] column = "...", [signals."{(*simulator.signals, "qpos.joint")[0]}"] column = "..."',
-            where=", ".join(map(str, logs)),
-        )
-    have = {found.name for found in matches}
-    seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
-    needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
-    follows = follow(simulator, have) & {*needed}
-    taken = {"run", column, *own, *(found.column for found in (*matches, *switched))}
-    left = [name for name in shared if name not in taken and not name.startswith(LIKE_THE_MODEL)]
-    numbers = [name for name in left if needed and is_numeric(sources, name)]
-    lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
-    if (guess := last_one(lacking)) and fits(guess):
-        matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
-    read = by_values(simulator.model, bool(simulator.spec.compiler.degree), matches, units, told, sources, clock)
-    matches = (*read.matches, *switched)
-    clocks = () if clock else tuple(name for name in shared if name not in taken and rises(sources, name))
-    fixed = unmeasured_bodies(simulator.model, lacking)
-    missing = ({} if clock else {"time": clocks}) | without_free(lacking, fixed)
-    unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
-    measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing and not fixed else None
+    opened = open_logs(logs)
+    made = assign(simulator, opened)
+    ready = opened.timed and not (made.missing or made.fixed or opened.untied)
+    measurement = measurement_of(simulator, opened, made.matches, made.unused) if ready else None
     if measurement is None:
-        check_rows(sources, matches, column)
-    bare = no_actuator(simulator, model, unused)
-    questions = (*((bare,) if bare else ()), *read.questions)
-    runs = run_names(sources)
+        check_rows(opened.sources, made.matches)
     parameters = free_parameters(simulator, measurement and completed(simulator, measurement)[0])
-    found = matches if clock is None or clock.exact else (clock, *matches)
+    tables = [_relative(log, target) for log in logs]
+    foreign = made.unused if simulator.model.nu else [name for name in made.unused if not name.startswith("ctrl.")]
     content: dict[str, object] = {
         "schema": 1,
         "model": _relative(model, target),
-        "measurements": [_relative(log, target) for log in logs],
-        **_runs_and_columns(runs, unused if simulator.model.nu else [name for name in unused if name[:5] != "ctrl."]),
+        "measurements": tables,
+        **_runs_and_columns(run_names(opened.sources), foreign),
         "parameters": {name: [bounds.low, bounds.high] for name, bounds in parameters.items()},
-        **({"time": {"column": clock.column, "unit": clock.unit}} if clock and not clock.exact else {}),
-        **mapped(matches, units),
+        **(_time(tables, opened.clocks) if opened.timed else {}),
+        **mapped(made.matches, signal_units(simulator)),
     }
-    text = text_of(content, simulator, parameters, found, missing, fixed, questions, target.name)
-    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused, fixed, questions)
+    named = dict.fromkeys(clock.match for clock in opened.clocks if opened.timed and not clock.exact)
+    found = (*named, *made.matches)
+    bare = no_actuator(simulator, model, made.unused)
+    asked = (*((bare,) if bare else ()), *made.questions)
+    text = text_of(content, simulator, parameters, found, made.missing, made.fixed, asked, target.name, opened.untied)
+    return Draft(text, found, made.missing, made.follows, made.unused, made.fixed, asked, opened.untied)
+
+
+def _time(tables: Sequence[str], clocks: Sequence[Clock]) -> dict[str, dict[str, Any]]:
+    """``[time]``: the first log's clock, and those of logs that have another one."""
+    others = {table: clock.table for table, clock in zip(tables, clocks, strict=True) if clock != clocks[0]}
+    first = {} if clocks[0].exact else clocks[0].table
+    return {"time": first | others} if first or others else {}
 
 
 def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
@@ -149,38 +101,6 @@ def _held_out(runs: int) -> int:
     """Return the number of last runs held out: a third, or fewer that leave enough to be blocks of their own."""
     third = max(1, runs // 3)
     return min(third, runs - FEWEST_BLOCKS) if runs > FEWEST_BLOCKS else third
-
-
-def _few(names: Sequence[str], most: int = 6) -> str:
-    """The first of some names, and how many more there are."""
-    shown = ", ".join(f"'{name[:40]}'" for name in names[:most])
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "") or "nothing"
-
-
-def _measurement(
-    simulator: MujocoSimulator, logs: Sequence[Path], clock: Match, matches: Sequence[Match], unused: Sequence[str]
-) -> Measurement:
-    """The logs as the problem file will read them."""
-    units = signal_units(simulator)
-    signalled = [
-        SignalColumn(Signal(found.name, units.get(found.name, "")), found.column, *_line(found))
-        for found in matches
-        if not found.name.startswith(("ctrl.", "enable."))
-    ]
-    switched = {one.name.removeprefix("enable."): one.column for one in matches if one.name.startswith("enable.")}
-    told = {one.name.removeprefix("ctrl."): one for one in matches if one.name.startswith("ctrl.")}
-    commanded = [
-        CommandColumn(name, one.column, *_line(one), enable=switched.get(name, "")) for name, one in told.items()
-    ]
-    time = TimeColumn(clock.column, to_si(clock.unit or "s"))
-    signals = [Signal(name) for name in simulator.signals]
-    ignore = (*unused, "xfrc.*")  # what pushed is the problem file's to add to the model
-    return TableReader(signals, simulator.commands, signalled, commanded, time, ignore).read(logs)
-
-
-def _line(found: Match) -> tuple[float, float]:
-    """Scale and offset of a column."""
-    return found.scale * (to_si(found.unit) if found.unit else 1.0), found.offset
 
 
 def _relative(path: Path, target: Path) -> str:

@@ -29,8 +29,12 @@ def _table(result: Criticism) -> Html:
     ordered = candidate_words.in_order(result)
     rows = [_row(candidate, largest) for candidate in ordered]
     kinds = ["accepted" if candidate.accepted else "" for candidate in ordered]
-    head = ("effect", "rank", "evidence", "size", "outcome")
-    note = "Evidence is the gain in log score on data left out of the fit, with its standard error."
+    head = ("effect", "rank", "probability", "evidence", "size", "outcome")
+    note = (
+        "Evidence is the gain in log score on data left out of the fit, with its standard error. Probability is that "
+        "of the effect being in the machine, as learnt from machines of which the truth is known; what cannot be told "
+        "apart shares it, and the rest up to 1 is that of none of them."
+    )
     title = f"Ranking of {len(rows)} candidate effects"
     shown = table("Candidate effects, the strongest first", head, rows[:SHOWN], kinds[:SHOWN])
     rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
@@ -67,6 +71,7 @@ def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
     return (
         join(phrases.plain(candidate.effect), tag("small", tag("code", breakable(candidate.effect)))),
         str(candidate.rank or "–"),
+        "–" if candidate.probability is None else phrases.probability(candidate.probability),
         evidence,
         sizes([candidate], intervals=True) or "–",
         candidate_words.outcome(candidate),

@@ -46,9 +46,9 @@ class Extensible(Measured):
         return {}
 
     @property
-    def servos(self) -> tuple[str, ...]:
-        """Joints of which an actuator holds a position; none by default."""
-        return ()
+    def servos(self) -> Mapping[str, tuple[str, ...]]:
+        """Joints of which an actuator holds a position -> these actuators; none by default."""
+        return {}
 
     @property
     def contacts(self) -> Mapping[str, Contact]:

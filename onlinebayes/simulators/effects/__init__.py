@@ -21,15 +21,18 @@ from onlinebayes.simulators.effects.dry_friction import DryFriction
 from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
 from onlinebayes.simulators.effects.joint_stiffness import JointStiffness
 from onlinebayes.simulators.effects.load_dependent_friction import LoadDependentFriction
+from onlinebayes.simulators.effects.load_dependent_stribeck import LoadDependentStribeck
 from onlinebayes.simulators.effects.parameter_drift import ParameterDrift
 from onlinebayes.simulators.effects.parameter_step import ParameterStep
 from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
+from onlinebayes.simulators.effects.quadratic_load_friction import QuadraticLoadFriction
 from onlinebayes.simulators.effects.scales import Contact, Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen, Servo
 from onlinebayes.simulators.effects.sensor_bias import SensorBias
 from onlinebayes.simulators.effects.sensor_delay import SensorDelay
 from onlinebayes.simulators.effects.sensor_scale import SensorScale
+from onlinebayes.simulators.effects.servo_law import ServoLaw
 from onlinebayes.simulators.effects.stribeck_friction import StribeckFriction
 from onlinebayes.simulators.effects.thermal_derating import ThermalDerating
 from onlinebayes.simulators.effects.viscous_friction import ViscousFriction
@@ -42,6 +45,8 @@ EFFECTS: dict[str, type[Effect]] = {
         DryFriction,
         StribeckFriction,
         LoadDependentFriction,
+        LoadDependentStribeck,
+        QuadraticLoadFriction,
         AsymmetricFriction,
         QuadraticDrag,
         JointStiffness,
@@ -61,6 +66,7 @@ EFFECTS: dict[str, type[Effect]] = {
         ActuatorDeadZone,
         ActuatorSaturation,
         BackEmf,
+        ServoLaw,
         ThermalDerating,
         SensorBias,
         SensorScale,
@@ -97,10 +103,12 @@ __all__ = [
     "GravityTilt",
     "JointStiffness",
     "LoadDependentFriction",
+    "LoadDependentStribeck",
     "ParameterDrift",
     "ParameterStep",
     "Payload",
     "QuadraticDrag",
+    "QuadraticLoadFriction",
     "Reading",
     "Scales",
     "Seen",
@@ -108,6 +116,7 @@ __all__ = [
     "SensorDelay",
     "SensorScale",
     "Servo",
+    "ServoLaw",
     "StribeckFriction",
     "TargetKind",
     "ThermalDerating",

@@ -1,6 +1,7 @@
 """A dead zone of an actuator: 0 for abs(u) < w, else u - w sign(u).
 
-It acts on the command: for a servo, on the goal. Plain MuJoCo has no term for it.
+It acts on the command: for a servo, on the goal; a dead band of its error is in :mod:`.servo_law`. Plain MuJoCo has no
+term for it.
 """
 
 from __future__ import annotations

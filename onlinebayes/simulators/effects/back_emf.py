@@ -2,7 +2,7 @@
 
 A motor under a voltage loses torque with speed. v is the joint's velocity times the gear, and f acts through the gear
 too: on a joint it is viscous friction of size gear^2 k, until a limit of force comes in reach. For a servo it adds to
-kv.
+kv; behind the limit of its duty it is in :mod:`.servo_law`.
 """
 
 from __future__ import annotations

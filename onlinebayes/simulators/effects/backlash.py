@@ -31,7 +31,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
-from onlinebayes.simulators.effects.seen import Seen, Servo
+from onlinebayes.simulators.effects.seen import Seen, Servo, limited
 
 REMEMBERED = 1.0
 """The time for which the side on which the gap was closed last may matter [s]."""
@@ -127,7 +127,7 @@ class Backlash(Effect):
         pull = servo.force + servo.damping * seen.v - servo.stiffness * now.offset
         resists = servo.damping + h * servo.stiffness
         force = rotor * (pull - resists * now.speed) / (rotor + resists)
-        speed = torch.where(now.apart, now.speed + _limited(force, servo) / rotor, seen.v)
+        speed = torch.where(now.apart, now.speed + limited(force, servo.low, servo.high) / rotor, seen.v)
         offset = torch.where(now.apart, now.offset + 0.5 * h * (now.speed + speed), now.offset)
         kind = torch.where(now.apart, APART, torch.where(now.struck, STRUCK, TOUCHING)).to(speed)
         state = {"offset": offset, "speed": speed, "before": seen.v.clone(), "contact": kind, "owed": now.owed}
@@ -152,7 +152,7 @@ class Backlash(Effect):
         side = torch.sign(torch.where(touched, offset, away))
         phi = ((half - side * offset) / (h * away.abs()).clamp_min(1e-300)).clamp_min(0.0)
         struck = ~touched & (phi <= 1)
-        push = _limited(servo.force - servo.stiffness * side * half, servo)
+        push = limited(servo.force - servo.stiffness * side * half, servo.low, servo.high)
         pulled = side * (push - rotor * (seen.v - before) / h) < 0
         parting = touched & pulled & (contact != STRUCK)
         blow = torch.where(struck, rotor * away, torch.zeros_like(away))
@@ -191,7 +191,3 @@ class _Now:
 def _servo(seen: Seen) -> Servo:
     assert seen.servo is not None
     return seen.servo
-
-
-def _limited(force: Float[Tensor, " N"], servo: Servo) -> Float[Tensor, " N"]:
-    return torch.minimum(torch.maximum(force, servo.low), servo.high)

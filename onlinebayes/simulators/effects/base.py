@@ -44,7 +44,7 @@ class Effect(ABC):
         target_kind: what ``target`` names.
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
-        tried_at_servos: criticism tries it only at joints that a position servo drives (or where it is named).
+        tried_at_servos: criticism tries it only at position servos and their joints (or where it is named).
         tried_per_run: criticism tries it also with one size in every run.
         same_law_as: addresses of a model's own numbers that are the same law, ``*`` for the element, one for each axis
             where there are axes, e.g. ``joint.*.damping``.
@@ -52,7 +52,7 @@ class Effect(ABC):
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
-        needs_servo: whether it reads the law of the joint's actuator, of which there must be one (``Seen.servo``).
+        needs_servo: whether it reads the law of its actuator, of which its joint must have one (``Seen.servo``).
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.

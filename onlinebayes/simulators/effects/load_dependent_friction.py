@@ -1,7 +1,7 @@
 """Dry friction that grows with the load on the drive: up to mu abs(f), f the actuators' generalised force at the joint.
 
 The friction of gears and screws, whose teeth are pressed together by the torque that they pass on. f is that of the
-model's own actuators on the joint; the friction sticks, as other dry friction does.
+model's own actuators on the joint, with what effects at them add; the friction sticks, as other dry friction does.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
+import torch
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
@@ -13,12 +14,14 @@ from torch import Tensor
 class Servo:
     """The actuator of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
 
+    f is on the joint; for an effect at the actuator it is the actuator's own, before the gear. q and v are the joint's.
+
     As in :class:`Seen`, (N,) stands for (N, K) of K rows at once.
 
     Args:
         force: at the joint's present position and velocity, before the limits (N,) [N, N m].
-        stiffness: kp, on the joint; 0 of a motor (N,) [N/m, N m/rad].
-        damping: kv, on the joint; 0 of a motor (N,) [N s/m, N m s/rad].
+        stiffness: kp; 0 of a motor (N,) [N/m, N m/rad].
+        damping: kv; 0 of a motor (N,) [N s/m, N m s/rad].
         low, high: its limits (N,) [N, N m]; both 0 while it is off.
     """
 
@@ -40,9 +43,10 @@ class Seen:
     Args:
         q: position of the joint; of an actuator, of the joint that it drives (N,) [m, rad].
         v: its velocity (N,) [m/s, rad/s].
-        drive: f, generalised force of the joint's actuators (N,) [N, N m]; of an actuator, its own force before the
-            gear [N, N m at its transmission]. Limits and switched-off actuators are in it. On MuJoCo zero unless the
-            effect says that it ``needs_drive``.
+        drive: f, generalised force of the joint's actuators, with what effects at them add (N,) [N, N m]; for an effect
+            at an actuator, its own force in the model before the gear [N, N m at its transmission]. Limits and
+            switched-off actuators are in it. On MuJoCo zero unless the effect says that it ``needs_drive``. Where
+            hidden states are recalled along a known motion, effects at actuators are not in it.
         command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
         hidden: the effect's own hidden state, see :meth:`Effect.rest`.
         timestep: length h of the step [s].
@@ -80,3 +84,10 @@ class Reading:
     start: Float[Tensor, "*batch"]
     slope: Float[Tensor, "*batch"]
     times: Float[Tensor, " T"]
+
+
+def limited(
+    force: Float[Tensor, "*batch"], low: Float[Tensor, "*batch"], high: Float[Tensor, "*batch"]
+) -> Float[Tensor, "*batch"]:
+    """The force within its limits [N, N m]."""
+    return torch.minimum(torch.maximum(force, low), high)

@@ -104,9 +104,16 @@ class JointActuator:
             force = _clip(force, fields["actuator_forcerange"][..., self.actuator, :])
         return force * on[..., self.column]
 
-    def servo(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor, on: Tensor) -> Servo:
-        """Its law on its joint; arguments as :meth:`force`."""
-        i, gear, works = self.actuator, self.gear(fields), on[..., self.column] > 0
+    def servo(
+        self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor, on: Tensor, whole: bool = True
+    ) -> Servo:
+        """Its law on its joint, or that of its own force before the gear; arguments as :meth:`force`.
+
+        Args:
+            whole: whether forces are those on the joint.
+        """
+        i, ratio, works = self.actuator, self.gear(fields), on[..., self.column] > 0
+        gear = ratio if whole else torch.ones_like(ratio)
         bias, force = fields["actuator_biasprm"][..., i, :], self._unlimited(fields, ctrl, q, v)
         # As many rows as worlds, though the fields may be one for all.
         low, high = torch.full_like(force, -math.inf), torch.full_like(force, math.inf)
@@ -114,7 +121,7 @@ class JointActuator:
             ends = (gear[..., None] * fields["actuator_forcerange"][..., i, :]).sort(dim=-1).values
             low, high = ends[..., 0].expand_as(force), ends[..., 1].expand_as(force)
         none = torch.zeros_like(force)
-        stiffness, damping = ((-gear.square() * bias[..., k]).expand_as(force) for k in (1, 2))
+        stiffness, damping = ((-gear * ratio * bias[..., k]).expand_as(force) for k in (1, 2))
         return Servo(gear * force, stiffness, damping, torch.where(works, low, none), torch.where(works, high, none))
 
     def _unlimited(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor) -> Float[Tensor, "*batch"]:

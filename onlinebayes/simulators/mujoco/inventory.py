@@ -63,11 +63,15 @@ def fed_by_command(model: mujoco.MjModel) -> frozenset[str]:
     return frozenset({"act"}) if set(model.actuator_dyntype.tolist()) <= FED_BY_COMMAND else frozenset()
 
 
-def servos(system: MujocoSystem) -> tuple[str, ...]:
-    """Joints with an actuator whose bias pulls against their position."""
+def servos(system: MujocoSystem) -> dict[str, tuple[str, ...]]:
+    """Joint -> its actuators whose bias pulls against their position, of joints that have one."""
     model, own = system.model, system.joint_actuators
-    holding = {a.joint for a in own if a.affine_bias and model.actuator_biasprm[a.actuator, 1] < 0}
-    return tuple(name for name in joint_kinds(model) if model.joint(name).id in holding)
+    holding = [a for a in own if a.affine_bias and model.actuator_biasprm[a.actuator, 1] < 0]
+    at = {
+        name: tuple(model.actuator(a.actuator).name for a in holding if a.joint == model.joint(name).id)
+        for name in joint_kinds(model)
+    }
+    return {name: actuators for name, actuators in at.items() if actuators}
 
 
 def integrating_commands(system: MujocoSystem) -> tuple[str, ...]:

@@ -159,8 +159,8 @@ class MujocoSimulator(Remakable):
         return inventory.fed_by_command(self.model)
 
     @property
-    def servos(self) -> tuple[str, ...]:
-        """Joints with an actuator whose bias pulls against their position."""
+    def servos(self) -> dict[str, tuple[str, ...]]:
+        """Joints with actuators whose bias pulls against their position -> these actuators."""
         return inventory.servos(self._system)
 
     @property

@@ -3,10 +3,12 @@
     qfrc_applied = sum of forces(q, v, f, u, hidden),   dof_frictionloss = the model's + sum of friction bounds
     dof_armature, dof_M0 = the model's + sum of changes of inertia
 
-The effects' equations are those that the torch backend uses. Dry friction is the bound of MuJoCo's own friction
-constraint, so that the solver makes it stick. The engine calls nothing in Python: worlds with a force stage are stepped
-one timestep at a time, and a force is held over it. Methods of first order take it at the timestep's start. Under Runge
-and Kutta's that alone would make the step one of first order: there laws without memory are taken at its middle,
+The effects' equations are those that the torch backend uses. f is that of the model's actuators with what effects at
+them add, so that friction under a load feels the force that there is. Dry friction is the bound of MuJoCo's own
+friction constraint, so that the solver makes it stick. The engine calls nothing in Python: worlds with a force stage
+are stepped one timestep at a time, and a force is held over it. Methods of first order take it at the
+timestep's start. Under Runge and Kutta's that alone would make the step one of first order: there laws without memory
+are taken at its middle,
 
     q_m = q + h/2 v,    v_m = v + h/2 a(q, v, forces at the start)
 
@@ -16,7 +18,7 @@ which leaves an error of h^2 (the explicit midpoint rule; Hairer, Norsett and Wa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import mujoco.batch
@@ -82,7 +84,9 @@ class Place:
                 force = actuator.force(fields, ctrl, q, v, on)
                 whole = self.effect.target_kind == "joint"
                 drive = drive + (force * actuator.gear(fields) if whole else force)
-        servo = self.actuators[0].servo(fields, ctrl, q, v, on) if self.effect.needs_servo else None
+        servo = None
+        if self.effect.needs_servo:
+            servo = self.actuators[0].servo(fields, ctrl, q, v, on, whole=self.effect.target_kind == "joint")
         return Seen(q, v, drive, command, hidden, timestep, servo)
 
 
@@ -103,7 +107,9 @@ class ForceStage:
         self, system: MujocoSystem, batch: mujoco.batch.Batch, fields: Mapping[str, np.ndarray], worlds: int
     ) -> None:
         self._system, self._timestep = system, float(system.model.opt.timestep)
-        self._places = tuple(Place.of(system, effect) for effect in system.staged)
+        # What effects at actuators add is in the drive that those at joints see.
+        at_actuators_first = sorted(system.staged, key=lambda effect: effect.target_kind != "actuator")
+        self._places = tuple(Place.of(system, effect) for effect in at_actuators_first)
         self._q, self._v, self._ctrl, self._applied = (
             torch.from_numpy(batch.bind(name)) for name in ("qpos", "qvel", "ctrl", "qfrc_applied")
         )
@@ -143,7 +149,7 @@ class ForceStage:
         """
         self._switched, self._begun = torch.from_numpy(on), []
         for place in self._places:
-            seen = self._see(place, self._q, self._v)
+            seen = self._see(place, self._q, self._v, self._begun)
             self._begun.append(self._acting(place, seen))
             after = place.effect.advance(self._own[place.effect.key], seen)
             if after is not None and seen.hidden is not None:
@@ -162,7 +168,7 @@ class ForceStage:
             q[:, place.q] = self._q[:, place.q] + half * self._v[:, place.v]
         acting = list(self._begun)
         for k in self._memoryless:
-            acting[k] = self._acting(self._places[k], self._see(self._places[k], q, v))
+            acting[k] = self._acting(self._places[k], self._see(self._places[k], q, v, acting))
         self._set(acting)
 
     def _acting(self, place: Place, seen: Seen) -> _Acting:
@@ -187,9 +193,15 @@ class ForceStage:
         for field in self._inertia:
             field.raise_by(weights)
 
-    def _see(self, place: Place, q: Float[Tensor, "N nq"], v: Float[Tensor, "N nv"]) -> Seen:
+    def _see(self, place: Place, q: Float[Tensor, "N nq"], v: Float[Tensor, "N nv"], acting: Sequence[_Acting]) -> Seen:
         hidden = self.hidden.get(place.effect.key)
-        return place.see(self._fields, q, v, self._ctrl, self._switched, hidden, self._timestep)
+        seen = place.see(self._fields, q, v, self._ctrl, self._switched, hidden, self._timestep)
+        if place.effect.target_kind != "joint" or not place.effect.needs_drive:
+            return seen
+        for other, one in zip(self._places, acting, strict=False):  # those that have acted by now
+            if other.effect.target_kind == "actuator" and other.v == place.v and one.force is not None:
+                seen = replace(seen, drive=seen.drive + one.force)
+        return seen
 
 
 @dataclass(frozen=True)

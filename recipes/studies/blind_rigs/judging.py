@@ -104,10 +104,17 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
         intervals=intervals,
         left=left,
         contradicted=tuple(map(same_as, result.contradicted)),
-        named=tuple(map(asdict, names_said(result.explanation, left))) if result.explanation and left else (),
+        named=_said(result, left),
         deviations=_deviations(result, truth) if meant else {},
         seconds=seconds,
     )
+
+
+def _said(result: Criticism, left: float | None) -> tuple[dict[str, Any], ...]:
+    """The fields of all that speaks for each name."""
+    if result.explanation is None or left is None:
+        return ()
+    return tuple(map(asdict, names_said(result.explanation, left, result.parameters)))
 
 
 def _beside(made: BlindCase, problem: ProblemFile, result: Criticism, reference: float | None) -> dict[str, float]:

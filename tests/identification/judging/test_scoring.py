@@ -95,3 +95,36 @@ def test_windows_of_another_step_lie_where_they_lay() -> None:
     finer = windows_of(SIMULATOR.with_timestep(0.005), MEASUREMENT, 0.5, WINDOWS.noise, Integration(0.005))
     assert finer.spans == WINDOWS.spans
     assert WINDOWS.spans[:2] == (("run0", 0.0, 0.5), ("run0", 0.5, 1.0))
+
+
+def test_a_gain_that_every_run_shares_is_certain_where_one_run_errs_most() -> None:
+    """Errors of 30 floors and, in one run, of 300: each run's error is halved, give or take a tenth."""
+    draw = torch.Generator().manual_seed(0)
+    fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
+    left = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
+    wrong = torch.where(BY_RUN.of == 2, 300.0, 30.0)[:, None, None].to(left.squares)
+    halved = (0.5 + 0.1 * torch.rand(len(BY_RUN), generator=draw))[BY_RUN.of, None, None].to(left.squares)
+    before = replace(left, squares=wrong.square() * left.counts)
+    after = replace(left, squares=(halved * wrong).square() * left.counts)
+    own = gain(after, before)
+    assert own.gain > 10 * own.se > 0
+    assert own.worse == 0
+
+
+def test_a_gain_in_one_run_alone_is_uncertain() -> None:
+    fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
+    left = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
+    before = replace(left, squares=900.0 * left.counts)
+    once = torch.where(BY_RUN.of == 2, 0.1, 1.0)[:, None, None].to(left.squares)
+    own = gain(replace(before, squares=once * before.squares), before)
+    assert 0 < own.gain < 2 * own.se
+
+
+def test_windows_of_some_runs_are_those_of_a_measurement_of_these_runs() -> None:
+    names = [WINDOWS.runs[4], WINDOWS.runs[1]]
+    some = WINDOWS.of_runs(names)
+    alone = windows_of(SIMULATOR, MEASUREMENT.select(names), 0.5, WINDOWS.noise, Integration(0.01))
+    assert some.runs == alone.runs
+    assert sorted(some.spans) == sorted(alone.spans)
+    order = [some.spans.index(span) for span in alone.spans]
+    assert torch.equal(some.select(torch.tensor(order)).value, alone.value)

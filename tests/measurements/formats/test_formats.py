@@ -90,7 +90,7 @@ def test_a_log_may_begin_before_its_first_command(tmp_path):
         writer.finish()
     notes: list[str] = []
     found = logs.reader("/q.q", "/q.v", "/u.u", notes).read([tmp_path / "log.mcap"])
-    assert torch.allclose(found.data["time"], torch.tensor([[0.025, 0.03, 0.04, 0.05]], dtype=torch.float64))
+    assert torch.allclose(found.data["time"], torch.tensor([[0.0, 0.005, 0.015, 0.025]], dtype=torch.float64))
     assert found.data["measured"][0, :, 0].tolist() == [False, True, True, True]
     assert found.data["command"].flatten().tolist() == [3.0] * 4
     assert notes == [f"{tmp_path / 'log.mcap'}: the 0.025 s before the first command are left out"]
