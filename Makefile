@@ -47,6 +47,9 @@ check-all: setup ## all of the slow evidence that is a test (half an hour)
 fuzz: setup      ## refine on 200 drawn problems (half an hour); each that fails is printed as the data that it was drawn from
 	ONLINEBAYES_FUZZ=200 $(BIN)/python -m pytest -m slow tests/cli/test_fuzz_refine.py
 
+.PHONY: front-door
+front-door: setup  ## are logs read as people write them: names of columns (seconds) -> docs/results/front-door.json
+	$(BIN)/python -m recipes.studies.front_door
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed
 blind-rigs: setup  ## the same on eight rigs (an hour; goes on where it was stopped) -> docs/results/blind-rigs.json

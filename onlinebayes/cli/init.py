@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.problems.drafting import cure, doubt, draft
+from onlinebayes.problems.drafting import Match, cure, doubt, draft, weld_of
 from onlinebayes.runs import BadInput, one_line, write_atomic
 
 
@@ -36,12 +36,19 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     drafted = draft(Path(model), [Path(log) for log in logs], target)
     write_atomic(target, drafted.text)
     for found in drafted.matches:
-        said = () if found.exact else (f"({found.why}: check it)",)
-        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said)
+        shown = bool(found.keys) and found.unit_why != Match.unit_why
+        by_itself = found.exact or (shown and found.column == found.name)
+        said = () if by_itself else (f"({found.why}: check it)",)
+        more = (f"({found.unit_why})",) if shown else ()
+        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said, *more)
     for line in drafted.untied:
         _say("clocks:", line)
     for name, columns in drafted.missing.items():
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
+    for joint, body in drafted.fixed.items():
+        _say("missing:", weld_of(joint, body))
+    for question in drafted.questions:
+        _say("check:", question)
     if drafted.follows:
         _say("follows:", f"{', '.join(drafted.follows)}, from the others by the model's <equality>")
     if drafted.unused:

@@ -248,7 +248,7 @@ class TableReader:
                 continue
             kind, _, target = name.partition(".")
             if kind in ("ctrl", "enable"):
-                self._unknown(name, target, self.commands, "actuator", path)
+                self._unknown(name, target, self._actuators(), "actuator", path)
             elif kind == "xfrc" and name not in self.commands:
                 pushes = [one for one in self.commands if CommandColumn(one).measured]
                 self._unknown(name, name, pushes, "input for a measured push called", path)
@@ -270,10 +270,16 @@ class TableReader:
         if later:
             self.note(f"{path}: columns not compared by this version: {', '.join(later)}")
 
+    def _actuators(self) -> list[str]:
+        """The model's own; a machine that has none is not moved by any command."""
+        return [name for name in self.commands if not CommandColumn(name).measured]
+
     def _unknown(self, column: str, name: str, known: Sequence[str], kind: str, path: Path) -> None:
         near = _nearest(name, known) or f"the model has {_list(known)}"
+        if not known and kind == "actuator":
+            near = f'add it to the model, <actuator><motor name="{name}" joint="..."/></actuator>'
         raise BadInput(
-            f"the model has no {kind} '{name}'",
+            f"the model has no {kind} '{name}'" if known or kind != "actuator" else "the model has no actuator",
             f"{near}; rename the column, or add it to 'ignore' in the problem file",
             where=f"{path}, row 1, column '{column}'",
         )

@@ -46,6 +46,28 @@ SI = {
     "mA": ("A", 1e-3),
 }
 """unit -> (its SI unit, factor)."""
+SPELT = {
+    **dict.fromkeys(("°", "degree", "degs"), "deg"),
+    **dict.fromkeys(("radian", "rads"), "rad"),
+    **dict.fromkeys(("turn", "revolution", "rotation"), "rev"),
+    **dict.fromkeys(("metre", "meter"), "m"),
+    **dict.fromkeys(("centimetre", "centimeter"), "cm"),
+    **dict.fromkeys(("millimetre", "millimeter"), "mm"),
+    **dict.fromkeys(("micrometre", "micrometer", "micron", "µm", "μm"), "um"),
+    **dict.fromkeys(("second", "sec"), "s"),
+    **dict.fromkeys(("millisecond", "msec"), "ms"),
+    **dict.fromkeys(("microsecond", "usec", "µs", "μs"), "us"),
+    **dict.fromkeys(("nanosecond", "nsec"), "ns"),
+    **dict.fromkeys(("newton",), "N"),
+    **dict.fromkeys(("newton metre", "newton meter", "newtonmetre", "newtonmeter"), "N m"),
+    **dict.fromkeys(("volt",), "V"),
+    **dict.fromkeys(("amp", "ampere"), "A"),
+    **dict.fromkeys(("dps", "deg_s", "degps"), "deg/s"),
+    **dict.fromkeys(("rps",), "rev/s"),
+    **dict.fromkeys(("rad_s", "radps"), "rad/s"),
+    **dict.fromkeys(("mps",), "m/s"),
+}
+"""A unit in other words -> as it is written here."""
 
 
 def to_si(unit: str, wanted: str = "") -> float:
@@ -59,9 +81,28 @@ def to_si(unit: str, wanted: str = "") -> float:
         BadInput: a unit that is unknown or of another quantity.
     """
     if unit not in SI:
-        raise BadInput(f"unit '{unit}' is unknown", nearest(unit, SI, most=2, cutoff=0.5))
+        meant = _meant(unit)
+        fitting = [name for name, (si, _) in SI.items() if si == wanted] if wanted else SI
+        cure = f"nearest: {meant}" if meant in fitting else nearest(unit, fitting or SI, most=2, cutoff=0.5)
+        raise BadInput(f"unit '{unit}' is unknown", cure)
     found, factor = SI[unit]
     if wanted and found != wanted:
         known = ", ".join(name for name, (si, _) in SI.items() if si == wanted) or wanted
         raise BadInput(f"unit '{unit}' cannot become {wanted}", f"use one of {known}")
     return factor
+
+
+def _meant(unit: str) -> str:
+    """The unit that another word is meant for: ``Degrees``, ``rad per second``; empty where nobody knows."""
+    whole, _, per = unit.strip().replace(" per ", "/").partition("/")
+    known = {name.lower(): name for name in SI}
+
+    def short(word: str) -> str:
+        low = word.strip().lower()
+        singular = low.removesuffix("s")
+        return SPELT.get(low) or SPELT.get(singular) or known.get(low) or known.get(singular, "")
+
+    found = short(whole) if whole else ""
+    over = short(per.rstrip("2^")) if per else ""
+    said = f"{found}/{over}{'2' if per.endswith('2') else ''}" if per else found
+    return said if said in SI else ""

@@ -7,7 +7,6 @@ Everything is checked here, before any long work; each error names the file, the
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,25 +15,21 @@ from typing import Any, Literal, get_args
 
 from onlinebayes.criticism import Allowed, Scope, Selection
 from onlinebayes.identification import completed, split, start_coordinates
-from onlinebayes.measurements import BetweenRows, Measurement, Signal, SignalColumn, TableReader
-from onlinebayes.measurements.formats import open_source
+from onlinebayes.measurements import BetweenRows, Measurement
 from onlinebayes.measurements.matching import matches
 from onlinebayes.problems.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
 from onlinebayes.problems.limits import read_allowed
-from onlinebayes.problems.mapping import command_columns, signal_columns, table_clocks, time_column
-from onlinebayes.problems.model import beside_bounds, build_simulator, known_addresses, signal_units
+from onlinebayes.problems.model import beside_bounds, build_simulator
 from onlinebayes.problems.parameters import Declared, declared
 from onlinebayes.problems.section import Section
 from onlinebayes.problems.starts import known_starts
+from onlinebayes.problems.tables import columns_of, located, read_tables
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.abilities import Extensible
 from onlinebayes.simulators.identifiable import Identifiable
 
 LARGEST, MOST_DOTS = 2**20, 2000
 """Bytes of a problem file, and dots in one of its lines."""
-
-DATA = "$ONLINEBAYES_DATA"
-"""As the first part of a table's path: the folder that this variable of the environment names; no other is read."""
 
 FEWEST_STEPS = 4
 """Of the model in a run: one of fewer has a clock in another unit."""
@@ -95,13 +90,14 @@ def load_problem(
     tables = top.texts("measurements")
     parameters = declared(top, effects)
     import_modules(effects)
-    simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
+    columns = columns_of(top, tables)
+    simulator, parameters = build_simulator(top, path.parent, parameters, columns)
     for line in beside_bounds(simulator, parameters):
         note(line)
     if integrating := simulator.integrating_commands:
         who = " and ".join(integrating)
         note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
-    measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
+    measurement = _seen(_begun(top, _without(top, read_tables(top, tables, columns, simulator, note))), note)
     measurement = replace(measurement, between_rows=_between_rows(top))
     measurement = measurement.with_starts(known_starts(top.section("starts"), start_coordinates(simulator.signals)))
     measurement, tied = completed(simulator, measurement)
@@ -121,7 +117,7 @@ def load_problem(
     simulator, added = add_effects(effects, add, simulator, fit, parameters.effects, selection.horizon_s)
     scope = _scope(top, effects, parameters, simulator, measurement)
     inputs = {path: "the problem file", path.parent / top.text("model"): "the model"}
-    inputs |= {_located(top, table): "a table of the problem" for table in tables}
+    inputs |= {located(top, table): "a table of the problem" for table in tables}
     return ProblemFile(path, simulator, measurement, holdout, candidates, selection, added, scope, inputs)
 
 
@@ -184,57 +180,6 @@ def _scope(
     with top.at("groups" if scope.groups and not scope.known else "runs"):
         scope.check(simulator.parameters, measurement.runs)
     return scope
-
-
-def _columns(top: Section, tables: Sequence[str]) -> set[str]:
-    """Names of columns, of mapped signals and of mapped commands that are not ignored."""
-    ignored = top.texts("ignore", ())
-    found = {name for table in tables for name in open_source(_located(top, table)).names}
-    kept = {name for name in found if not matches(name, ignored)}
-    return kept | set(top.section("signals").values) | set(top.section("commands").values)
-
-
-def _read_tables(
-    top: Section, tables: Sequence[str], simulator: Extensible, note: Callable[[str], None]
-) -> Measurement:
-    if not tables:
-        raise top.error("measurements", "no table is named", 'write e.g. ["log.csv"]')
-    units = signal_units(simulator)
-    reader = TableReader(
-        signals=[Signal(name, units.get(name, "")) for name in simulator.signals],
-        commands=simulator.commands,
-        mapped=signal_columns(top.section("signals"), simulator.signals, units),
-        commanded=command_columns(top.section("commands"), simulator.commands),
-        clock=time_column(top.section("time")),
-        clocks={_located(top, table): clock for table, clock in table_clocks(top.section("time"), tables).items()},
-        ignore=top.texts("ignore", ()),
-        known=known_addresses(simulator),
-        note=note,
-    )
-    measurement = reader.read(_located(top, table) for table in tables)
-    for column in reader.mapped:
-        _check_latency(top, column, measurement)
-    return measurement
-
-
-def _check_latency(top: Section, column: SignalColumn, measurement: Measurement) -> None:
-    """A latency that is longer than every run leaves nothing of its signal."""
-    names, latency = [signal.name for signal in measurement.signals], column.latency
-    if latency and column.signal.name in names:
-        seen = measurement.data["measured"][..., names.index(column.signal.name)]
-        if not bool(seen.any()):
-            table = top.section("signals").section(column.signal.name)
-            raise table.error("latency", f"with {latency:g} s no row of any run is left", "give it in seconds")
-
-
-def _located(top: Section, table: str) -> Path:
-    """Locate a table: from the problem file's folder on, or in the folder of measured data."""
-    variable, _, rest = table.partition("/")
-    if variable != DATA or not rest:
-        return Path(top.file).parent / table
-    if not (data := os.environ.get(DATA[1:])):
-        raise top.error("measurements", f"{DATA[1:]} is not set", f"set it to the folder that holds '{rest}'")
-    return Path(data) / rest
 
 
 def _begun(top: Section, measurement: Measurement) -> Measurement:

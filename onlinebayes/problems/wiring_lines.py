@@ -17,6 +17,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from onlinebayes.measurements.matching import matches
 from onlinebayes.measurements.units import SI
 from onlinebayes.runs import to_toml
 
@@ -48,11 +49,11 @@ def composed(lines: str, content: Mapping[str, Any]) -> str:
 
 def _changed(kind: str, name: str, asked: Table, tables: Mapping[str, Table]) -> Table:
     """The keys of one table that change."""
-    before = dict(tables.get(name, {}))
+    before = _said_of(name, tables)
     now, own = dict(before), "ctrl." if kind == "commands" else ""
     if "column" in asked:
         other = asked["column"].removeprefix(own)
-        there = tables.get(other, {})
+        there = _said_of(other, tables)
         now = {"column": asked["column"], **there}
     sign, factor = asked.get("sign", 1), asked.get("scale", 1.0)
     if sign != 1:
@@ -67,6 +68,12 @@ def _changed(kind: str, name: str, asked: Table, tables: Mapping[str, Table]) ->
     changed = {key: value for key, value in now.items() if before.get(key) != value}
     gone = {key: _undone(key, before[key]) for key in before if key not in now and key != "column"}
     return {**changed, **{key: value for key, value in gone.items() if value is not None}}
+
+
+def _said_of(name: str, tables: Mapping[str, Table]) -> Table:
+    """The keys that hold for a name: of the globs that it fits, then of its own table."""
+    globs = [table for glob, table in tables.items() if glob != name and matches(name, (glob,))]
+    return {key: value for table in (*globs, tables.get(name, {})) for key, value in table.items()}
 
 
 def _rounded(value: float) -> float:

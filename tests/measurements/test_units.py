@@ -34,3 +34,29 @@ def test_unknown_and_unfitting_units_are_named():
         to_si("degs")
     with pytest.raises(BadInput, match="unit 'mm' cannot become rad; use one of rad, mrad, deg, rev"):
         to_si("mm", "rad")
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "meant"),
+    [
+        ("degrees", "rad", "deg"),
+        ("degrees", "", "deg"),
+        ("Degrees per second", "rad/s", "deg/s"),
+        ("dps", "", "deg/s"),
+        ("radians", "rad", "rad"),
+        ("millimeters", "m", "mm"),
+        ("metres", "", "m"),
+        ("seconds", "s", "s"),
+        ("RPM", "", "rpm"),
+        ("amps", "", "A"),
+    ],
+)
+def test_a_unit_in_other_words_is_said_as_it_is_written(unit: str, wanted: str, meant: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        to_si(unit, wanted)
+    assert str(caught.value) == f"unit '{unit}' is unknown; nearest: {meant}"
+
+
+def test_no_unit_of_another_quantity_is_suggested() -> None:
+    with pytest.raises(BadInput, match="known: m, cm, mm, um"):
+        to_si("degrees", "m")

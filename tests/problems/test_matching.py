@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import pytest
 
+from onlinebayes.problems.drafting.actuator_inputs import actuator_inputs
 from onlinebayes.problems.drafting.matching import Match, match
-from onlinebayes.problems.drafting.servo_inputs import servo_inputs
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_servo_is_told_a_position_or_a_speed(actuator: str, column: str, unit:
         servo = servo.replace(" />", ' actrange="-1 1"/>')
     body = '<body><joint name="track" type="slide"/><geom size="1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody>{servo}</mujoco>")
-    matched = match(["qpos.track", "ctrl.belt"], [column], servo_inputs(model))
+    matched = match(["qpos.track", "ctrl.belt"], [column], actuator_inputs(model))
     found = [one for one in matched if one.name == "ctrl.belt"]
     assert found == ([] if unit is None else [Match("ctrl.belt", column, unit)])
 

@@ -3,6 +3,7 @@
 | fault                   | what the table holds                                  | mended                         |
 |-------------------------|-------------------------------------------------------|--------------------------------|
 | :class:`Rescaled`       | -y, degrees for radians, mm for m; -u, mV for V       | factor times column            |
+| :class:`WholeLog`       | all positions of hinges and all commands in degrees   | factor times the columns       |
 | :class:`Offset`         | y - c, a zero that was set elsewhere                  | y + c                          |
 | :class:`Swapped`        | another joint's or actuator's column                  | the two exchanged              |
 | :class:`Compensated`    | commands on top of a controller that holds the weight | the model without the weight   |
@@ -144,6 +145,37 @@ class Rescaled(Fault):
         """The rescaled joints' positions and velocities, both smoothed from one signal, times the factor."""
         factors = [self.factor if signal in self.names else 1.0 for signal in shown]
         return replace(windows, start=windows.start * windows.start.new_tensor(2 * factors))
+
+
+@dataclass(frozen=True)
+class WholeLog(Fault):
+    """Signals and commands in one other unit: a log of position servos that is in degrees throughout."""
+
+    signals: Rescaled
+    commands: Rescaled
+
+    @property
+    def says(self) -> str:
+        """``qpos.hinge and ctrl.servo: degrees for radians``."""
+        names = (*self.signals.names, *(_column("command", name) for name in self.commands.names))
+        return f"{' and '.join(names)}: {self.signals.instead}"
+
+    @property
+    def lines(self) -> str:
+        """``scale`` under [signals] and [commands]."""
+        return f"{self.signals.lines}\n{self.commands.lines}"
+
+    def correct(self, measurement: Measurement) -> Measurement:
+        """Both times the factor."""
+        return self.commands.correct(self.signals.correct(measurement))
+
+    def noise(self, names: Sequence[str], noise: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
+        """See :meth:`Rescaled.noise` of the signals."""
+        return self.signals.noise(names, noise)
+
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
+        """See :meth:`Rescaled.started` of the signals."""
+        return self.signals.started(windows, shown)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Of all
 hinges, and of all slides, together: their unit. Per pair of joints: their columns swapped. Per orientation: the sign
-and the unit of its angular velocity, and what :mod:`.conventions` has. Per sensor: its sign and unit. Per actuator: the
-command's sign and unit; per pair: swapped. And once: a controller that carries the weight, and, where no orientation is
-among them, signals or sensors that run ahead of the commands, and columns a row apart.
+and the unit of its angular velocity, and what :mod:`.conventions` has. Per sensor: its sign and unit. Of all hinges and
+all commands together: their unit. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller
+that carries the weight, and, where no orientation is among them, signals or sensors that run ahead of the commands, and
+columns a row apart.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from onlinebayes.criticism.wiring.faults import (
     Offset,
     Rescaled,
     Swapped,
+    WholeLog,
 )
 from onlinebayes.criticism.wiring.shifts import is_sensor, shifts
 from onlinebayes.identification.data.coordinates import velocity
@@ -49,6 +51,7 @@ def possible_faults(simulator: Identifiable, measurement: Measurement, late: boo
         *_of_signals(simulator, measured),
         *conventions(simulator, measured),
         *_of_sensors([signal.name for signal in measurement.signals]),
+        *_of_whole_log(simulator, measured),
         *_of_commands(simulator),
         *(() if orientation_paths(simulator)[0] else shifts(measurement, bool(simulator.commands), late)),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
@@ -93,6 +96,17 @@ def units_of_all(simulator: Extensible, measured: Collection[str]) -> Iterator[R
         sets = dict.fromkeys(tuple(name for one in columns for name in one[min(k, len(one) - 1)]) for k in range(3))
         for factor, instead in units.items():
             yield from (Rescaled("signal", names, factor, instead) for names in sets if len(columns) > 1 and names)
+
+
+def _of_whole_log(simulator: Extensible, measured: Collection[str]) -> Iterator[WholeLog]:
+    """The unit of all hinges and of all commands, as a log of position servos has it."""
+    joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
+    hinges = [joint for joint in joints if simulator.joint_kinds.get(joint, "hinge") == "hinge"]
+    names = tuple(name for joint in hinges for first in _columns(joint, measured)[:1] for name in first)
+    if names and simulator.commands:
+        for factor, instead in HINGE.items():
+            signals = Rescaled("signal", names, factor, instead)
+            yield WholeLog(signals, Rescaled("command", tuple(simulator.commands), factor, instead))
 
 
 def _of_sensors(signals: list[str]) -> Iterator[Fault]:

@@ -2,5 +2,8 @@
 
 from onlinebayes.problems.drafting.draft_text import cure, doubt
 from onlinebayes.problems.drafting.first_draft import draft
+from onlinebayes.problems.drafting.matching import Match
+from onlinebayes.problems.drafting.proposals import proposed
+from onlinebayes.problems.drafting.surroundings import weld_of
 
-__all__ = ["cure", "doubt", "draft"]
+__all__ = ["Match", "cure", "doubt", "draft", "proposed", "weld_of"]

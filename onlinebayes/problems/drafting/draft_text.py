@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from onlinebayes.measurements.clocks import TIME
+from onlinebayes.measurements.units import SI
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.problems.drafting.matching import Match
+from onlinebayes.problems.drafting.surroundings import weld_of
 from onlinebayes.runs import one_line, to_toml
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -23,6 +26,8 @@ def text_of(
     parameters: ParameterSpace,
     found: Sequence[Match],
     missing: Mapping[str, tuple[str, ...]],
+    fixed: Mapping[str, str],
+    questions: Sequence[str],
     name: str,
     untied: Sequence[str] = (),
 ) -> str:
@@ -34,34 +39,70 @@ def text_of(
         parameters: those that may be fitted, with their bounds.
         found: columns that were matched, the clock among them where it has another name.
         missing: names of the model without a column, with those that it could be.
+        fixed: free joints that nobody measured -> their bodies.
+        questions: of the values of the log, to be answered by who knows.
         name: of the file.
         untied: what is to be said of clocks that do not overlap.
     """
-    comments = _comments(content, simulator, parameters, {one.name: one.why for one in found})
+    comments = _comments(content, simulator, parameters, found)
     text = to_toml(content, head=HEAD.format(name=one_line(name)), comments=comments)
-    return (
-        text
-        + "".join(f"\n# CLOCKS: {one_line(line)}\n" for line in untied)
-        + _lacking(missing)
-        + _more(simulator, content.get("signals", {}))
-    )
+    clocks = "".join(f"\n# CLOCKS: {one_line(line)}\n" for line in untied)
+    more = _more(simulator, content.get("signals", {}))
+    return text + clocks + _lacking(missing) + _welds(fixed) + _asked(questions) + more
 
 
-def mapped(matches: Sequence[Match]) -> dict[str, dict[str, dict[str, str]]]:
-    """``[signals]`` and ``[commands]`` for the columns that have other names."""
-    found: dict[str, dict[str, dict[str, str]]] = {}
+def mapped(matches: Sequence[Match], units: Mapping[str, str]) -> dict[str, dict[str, dict[str, str | float]]]:
+    """``[signals]`` and ``[commands]`` for the columns that have other names or units.
+
+    A unit that the values of all columns of a kind show is said once, for ``"qpos.*"``.
+
+    Args:
+        matches: what was found.
+        units: signal -> SI unit.
+    """
+    found: dict[str, dict[str, dict[str, str | float]]] = {}
+    at_once = _at_once(matches, units)
+    for (kind, glob), unit in at_once.items():
+        found.setdefault(kind, {})[glob] = {"unit": unit}
     for one in matches:
-        if one.exact:
+        kind, name = _place(one.name)
+        if one.name.startswith("enable."):
+            found.setdefault(kind, {}).setdefault(name, {})["enable"] = one.column
             continue
-        kind, name = (
-            ("commands", one.name.removeprefix("ctrl.")) if one.name.startswith("ctrl.") else ("signals", one.name)
-        )
-        found.setdefault(kind, {})[name] = {"column": one.column} | ({"unit": one.unit} if one.unit else {})
+        given: dict[str, str | float] = {"column": one.column} if one.column != one.name else {}
+        said = (kind, _glob(one.name)) in at_once and one.unit == at_once[kind, _glob(one.name)]
+        given |= {key: value for key, value in one.keys.items() if not (key == "unit" and said)}
+        if given:
+            found.setdefault(kind, {}).setdefault(name, {}).update(given)
+    return found
+
+
+def _place(name: str) -> tuple[str, str]:
+    """The kind of table and the name in it of a signal, a command or a switch."""
+    command = name.removeprefix("ctrl.").removeprefix("enable.")
+    return ("commands", command) if command != name else ("signals", name)
+
+
+def _glob(name: str) -> str:
+    return "*" if name.startswith("ctrl.") else f"{name.partition('.')[0]}.*"
+
+
+def _at_once(matches: Sequence[Match], units: Mapping[str, str]) -> dict[tuple[str, str], str]:
+    """Globs under which one unit may stand: several columns show it, and each other of them is of another quantity."""
+    found: dict[tuple[str, str], str] = {}
+    for kind, glob in dict.fromkeys((_place(one.name)[0], _glob(one.name)) for one in matches):
+        own = [one for one in matches if one.name.partition(".")[0] != "enable" and _glob(one.name) == glob]
+        shown = [one for one in own if one.unit and one.unit_why != Match.unit_why]
+        if len(shown) < 2 or len({one.unit for one in shown}) != 1:
+            continue
+        unit = SI[shown[0].unit][0]
+        if all(one in shown or (kind == "signals" and units.get(one.name, "") != unit) for one in own):
+            found[kind, glob] = shown[0].unit
     return found
 
 
 def _comments(
-    content: dict[str, object], simulator: MujocoSimulator, parameters: ParameterSpace, why: Mapping[str, str]
+    content: dict[str, object], simulator: MujocoSimulator, parameters: ParameterSpace, found: Sequence[Match]
 ) -> dict[tuple[str, ...], str]:
     comments: dict[tuple[str, ...], str] = {
         ("model",): "the MJCF file",
@@ -72,20 +113,38 @@ def _comments(
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
         comments["parameters", name] = f"{bounds.unit or 'no unit'}; the model has {value:g}"
-    comments["time", "column"] = f"{why.get('time', Match.why)}: check it"
+    clocks = [match.why for match in found if match.name == TIME]
+    comments["time", "column"] = f"{', '.join(dict.fromkeys(clocks)) or Match.why}: check it"
     comments["time", "unit"] = "check it"
     comments["time", "rest"] = "what has passed since then [ns], in a column of its own"
-    for kind in ("signals", "commands"):
-        for name in content.get(kind, {}):  # type: ignore[attr-defined]
-            proposed = why[f"ctrl.{name}" if kind == "commands" else name]
-            comments[kind, name, "column"] = f"{proposed}: check it"
-            comments[kind, name, "unit"] = "as the column's name says"
+    for one in (match for match in found if match.name != TIME):
+        kind, name = _place(one.name)
+        if one.name.startswith("enable."):
+            comments[kind, name, "enable"] = f"{one.why}: check it"
+            continue
+        comments[kind, name, "column"] = f"{one.why}: check it"
+        said = one.unit_why
+        comments[kind, name, "unit"] = comments[kind, name, "scale"] = said
+        comments.setdefault((kind, _glob(one.name), "unit"), said) if one.unit else None
     return comments
 
 
 def _lacking(missing: Mapping[str, tuple[str, ...]]) -> str:
     lines = [one_line(f"MISSING: {name}: {doubt(columns)}; {cure(name)}") for name, columns in missing.items()]
     return "".join(f"\n# {line}" for line in lines) + ("\n" if missing else "")
+
+
+def _welds(fixed: Mapping[str, str]) -> str:
+    """What fixes the bodies that nobody measured, as a comment."""
+    if not fixed:
+        return ""
+    lines = [one_line(f"MISSING: {weld_of(joint, body)}") for joint, body in fixed.items()]
+    lines += to_toml({"model_edit": {"weld": list(fixed.values())}}).strip().split("\n")
+    return "\n" + "".join(f"# {line}\n" for line in lines)
+
+
+def _asked(questions: Sequence[str]) -> str:
+    return "".join(f"\n# {one_line(f'CHECK: {question}')}" for question in questions) + ("\n" if questions else "")
 
 
 def doubt(columns: Sequence[str]) -> str:

@@ -1,17 +1,18 @@
 """The choice of the parameters that a first problem file frees, and of their bounds.
 
-In this order: damping of every joint, the moment of inertia about a vertical hinge, mass of every body that a joint
-carries, moments of inertia of free bodies, then what the model sets at all of frictionloss and armature, and the gears
-of motors where no mass is free: all masses, dampings and gears times one factor move alike, but for moments of inertia
-that nobody measured. A free joint has one damping for forces and torques alike, freed only where the model sets it.
+In this order: damping of every joint, the moment of inertia about a vertical hinge, kp and kv of position servos, mass
+of every body that a joint carries, moments of inertia of free bodies, then what the model sets at all of frictionloss
+and armature, and the gears of motors where no mass is free: all masses, dampings and gears times one factor move alike,
+but for moments of inertia that nobody measured. A free joint has one damping for forces and torques alike, freed only
+where the model sets it.
 With measurements a parameter is freed only where its sensitivity is no combination of those before it,
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 
-so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings and masses are
-freed. Bounds: a third to three times the model's value; what a machine may have none of (damping, friction, armature)
-from zero. Where the model has no damping its bound is the largest force in play over the largest speed, or, without
-measurements, what would stop the joint in a tenth of a second.
+so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings, kp and masses
+are freed. Bounds: a third to three times the model's value, of kp from a tenth on; what a machine may have none of
+(damping, friction, armature) from zero. Where the model has no damping its bound is the largest force in play over the
+largest speed, or, without measurements, what would stop the joint in a tenth of a second.
 """
 
 from __future__ import annotations
@@ -26,11 +27,14 @@ from onlinebayes.criticism import target_scales
 from onlinebayes.identification import charted, linearise, make_windows, project
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.problems.drafting.actuator_inputs import actuator_inputs
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import names, resolve
 
 FACTOR = 3.0
+SERVO = 10.0
+"""A servo's kp may be so many times smaller: few makers give one, and firmware has units of its own."""
 STOP = 10.0  # [1/s]
 OWN = 0.01
 MOST_WINDOWS = 12
@@ -55,7 +59,7 @@ def free_parameters(model: MujocoSimulator, measurement: Measurement | None = No
         except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
             pass
     proposed = _proposed(model.model, {})
-    return proposed.subspace([name for name in proposed if name.endswith((".damping", ".mass"))])
+    return proposed.subspace([name for name in proposed if name.endswith((".damping", ".kp", ".mass"))])
 
 
 def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
@@ -71,6 +75,12 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
     for i, body in enumerate(bodies):
         if body and (axis := _vertical(model, i)) is not None:
             found |= _around(f"body.{body}.inertia[{axis}]", float(model.body_inertia[i, axis]))
+    servos = {name for name, given in actuator_inputs(model).items() if given.told == "qpos"}
+    for i, motor in enumerate(motors):
+        if f"ctrl.{motor}" in servos:
+            kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
+            found[f"actuator.{motor}.kp"] = Parameter(kp / SERVO, FACTOR * kp)
+            found |= {f"actuator.{motor}.kv": Parameter(0.0, FACTOR * kv)} if kv > 0 else {}
     for i, body in enumerate(bodies):
         if body and model.body_jntnum[i] and model.body_mass[i] > 0:
             found |= _around(f"body.{body}.mass", float(model.body_mass[i]))
@@ -83,7 +93,8 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
             if (value := float(values[model.jnt_dofadr[i]])) > 0:
                 found[f"joint.{joint}.{field}"] = Parameter(0.0, FACTOR * value)
     for i, motor in enumerate(motors):
-        found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
+        if f"ctrl.{motor}" not in servos:
+            found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
     units = {name: resolve(model, name).unit for name in found}
     return ParameterSpace({name: Parameter(_round(p.low), _round(p.high), units[name]) for name, p in found.items()})
 
@@ -125,7 +136,7 @@ def _round(value: float) -> float:
 def _without_scale(chosen: Sequence[str]) -> list[str]:
     """Without the gears where masses or moments are free."""
     inertial = any(name.startswith("body.") for name in chosen)
-    return [name for name in chosen if not (inertial and name.startswith("actuator."))]
+    return [name for name in chosen if not (inertial and ".gear[" in name)]
 
 
 def _distinct(model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement) -> list[str]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from onlinebayes.measurements.formats import Source
 from onlinebayes.measurements.units import to_si
-from onlinebayes.problems.drafting.matching import Match, unit_of
+from onlinebayes.problems.drafting.column_units import unit_of
+from onlinebayes.problems.drafting.matching import Match
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
@@ -43,6 +44,15 @@ def is_numeric(sources: Sequence[Source], column: str) -> bool:
         return all(np.isfinite(source.columns([column])[column]).any() for source in sources)
     except BadInput:
         return False
+
+
+def is_switch(sources: Sequence[Source], column: str) -> bool:
+    """Check whether every log has 0 or 1 in a column, and nothing else."""
+    try:
+        cells = np.concatenate([source.columns([column])[column] for source in sources])
+    except BadInput:
+        return False
+    return bool(np.isin(cells[np.isfinite(cells)], (0.0, 1.0)).all())
 
 
 def last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:

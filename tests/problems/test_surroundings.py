@@ -1,0 +1,75 @@
+"""What a log shows that the model is not is said in one line: a base on a stand, a machine without a motor."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from onlinebayes.problems import load_problem
+from onlinebayes.problems.drafting.first_draft import Draft, draft
+from onlinebayes.runs import BadInput
+
+LEG = """<body pos=".1 0 0"><joint name="hip" axis="0 1 0" damping="1"/><geom size=".05" mass=".3"/></body>"""
+DOG = f"""<mujoco><worldbody><body name="base" pos="0 0 1"><freejoint/><geom size=".1" mass="2"/>{LEG}</body>
+</worldbody><actuator><motor name="hip" joint="hip"/></actuator></mujoco>"""
+CART = """<mujoco><worldbody><body name="cart"><joint name="cart" type="slide" axis="1 0 0" damping="1"/>
+<geom size=".1" mass="1"/></body></worldbody>{}</mujoco>"""
+URDF = """<robot name="r"><link name="base"/><link name="l"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link><joint name="cart" type="prismatic">
+<parent link="base"/><child link="l"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</robot>"""
+SERVO = """<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody><body name="horn" pos="0 0 1">
+<joint name="servo" axis="0 1 0" damping="0.05"/><geom type="capsule" fromto="0 0 0 .1 0 0" size=".02" mass=".3"/>
+</body></worldbody><actuator><position name="servo" joint="servo" kp="20" kv="0.3"/></actuator></mujoco>"""
+
+
+def drafted(folder: Path, model: str, *names: str) -> Draft:
+    time = np.arange(300) * 0.02
+    columns = [time, *(0.3 * np.sin(2 * time + k) for k in range(len(names)))]
+    rows = "\n".join(",".join(f"{cell:.6f}" for cell in row) for row in np.stack(columns, 1))
+    (folder / "log.csv").write_text(f"time,{','.join(names)}\n{rows}\n")
+    (folder / "model.xml").write_text(model)
+    made = draft(folder / "model.xml", [folder / "log.csv"], folder / "p.toml")
+    (folder / "p.toml").write_text(made.text)
+    return made
+
+
+def test_a_base_that_nobody_measured_is_one_line_with_the_weld(tmp_path: Path) -> None:
+    made = drafted(tmp_path, DOG, "hip_pos", "hip_cmd")
+    assert made.missing == {}
+    assert made.fixed == {"qpos.joint0": "base"}
+    assert made.text.count("MISSING") == 1
+    (tmp_path / "p.toml").write_text(made.text.replace("# [model_edit]", "[model_edit]").replace("# weld", "weld"))
+    signals = load_problem(tmp_path / "p.toml").measurement.signals
+    assert [signal.name for signal in signals] == ["qpos.hip"]
+
+
+def test_a_base_of_which_something_was_measured_stays_a_question(tmp_path: Path) -> None:
+    made = drafted(tmp_path, DOG, "hip_pos", "hip_cmd", "base_x", "base_y", "base_z")
+    assert made.fixed == {}
+    assert [*made.missing] == [f"qpos.joint0.{k}" for k in range(3, 7)]
+
+
+@pytest.mark.parametrize(("model", "hint"), [(CART.format(""), ""), (URDF, "a URDF has none")])
+def test_commands_of_a_model_without_a_motor_are_not_ignored(tmp_path: Path, model: str, hint: str) -> None:
+    made = drafted(tmp_path, model, "qpos.cart", "ctrl.pusher")
+    (asked,) = made.questions
+    assert "the log has the command ctrl.pusher" in asked
+    assert '<actuator><motor name="pusher" joint="cart"/></actuator>' in asked
+    assert hint in asked
+    assert "ignore" not in tomllib.loads(made.text)
+    with pytest.raises(BadInput, match="the model has no actuator"):
+        load_problem(tmp_path / "p.toml")
+
+
+def test_a_machine_without_commands_needs_no_motor(tmp_path: Path) -> None:
+    assert drafted(tmp_path, CART.format(""), "qpos.cart", "temperature").questions == ()
+
+
+def test_a_servo_has_its_kp_freed_and_no_gear(tmp_path: Path) -> None:
+    freed = tomllib.loads(drafted(tmp_path, SERVO, "qpos.servo", "ctrl.servo").text)["parameters"]
+    assert freed["actuator.servo.kp"] == [2.0, 60.0]
+    assert not any("gear" in name for name in freed)
