@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from onlinebayes.criticism import log_faults
+from onlinebayes.criticism import log_faults, promising_faults
 from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.criticism.wiring.faults import Rescaled
 from onlinebayes.measurements import Measurement
@@ -30,7 +30,7 @@ class OffInOneRun(Rescaled):
 def test_a_fault_that_takes_a_runs_windows_away_is_judged_over_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     sign = Rescaled("signal", ("qpos.rail",), -1.0, "the reversed sign")
     off = OffInOneRun("signal", ("qpos.rail",), -1.0, "the reversed sign")
-    monkeypatch.setattr(log_faults, "possible_faults", lambda *_, **__: (sign, off))
+    monkeypatch.setattr(promising_faults, "possible_faults", lambda *_, **__: (sign, off))
     table = sign.correct(measure(runs=4, seconds=1.0))
     search = start_search(model(), table)
     found = log_faults.find_fault(search.evaluator, search.base, table)
