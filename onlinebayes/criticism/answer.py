@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.contradicted import uncontradicted
+from onlinebayes.criticism.findings.delays import ahead_of_commands, located_delays
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
@@ -29,6 +30,7 @@ from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
     Candidate,
     HeldOutError,
+    LocatedDelay,
     Question,
     Remainder,
     Verdict,
@@ -113,6 +115,14 @@ def answered(
         lambda: with_probabilities(candidates, names_said(explanation, left, final_model.parameters)),
         candidates,
     )
+    no_delays: tuple[LocatedDelay, ...] = ()
+    delays = made(
+        "looking where the delay is",
+        lambda: (
+            located_delays(explanation, final_model.parameters) if fault is None else ahead_of_commands(fault.fault)
+        ),
+        no_delays,
+    )
     corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")
     return Criticism(
@@ -151,6 +161,7 @@ def answered(
         corrected=corrected,
         read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
+        delays=delays,
         explanation=explanation,
     )
 

@@ -10,6 +10,7 @@ from onlinebayes.criticism.results import (
     Candidate,
     Failure,
     HeldOutError,
+    LocatedDelay,
     ParameterChange,
     Question,
     Remainder,
@@ -61,6 +62,7 @@ class Criticism:
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
         contradicted: what was added and taken out again, for the held-out error rises with it.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
+        delays: what was found that delays something, and at which stages this log would let it be.
         explanation: the evaluations that it stands on, for :func:`~onlinebayes.criticism.next_experiment`.
     """
 
@@ -97,6 +99,7 @@ class Criticism:
     hypotheses: tuple[WeightedModel, ...] = ()
     contradicted: tuple[str, ...] = ()
     failed: tuple[str, ...] = ()
+    delays: tuple[LocatedDelay, ...] = ()
     explanation: Explanation | None = field(default=None, repr=False, compare=False)
 
     @property

@@ -172,6 +172,64 @@ class ParameterChange:
     lines: str
 
 
+DelayStage = Literal["command", "torque", "sensor", "clock"]
+"""Where a delay may be: transport of the command, lag of the torque, the sensor, the clock of its stamps."""
+
+DelayRecording = Literal["second_sensor", "release", "step", "minute"]
+"""What parts stages of a delay: a second sensor or the current, a motion that starts without the command at a known
+instant, steps of the command, a minute of motion for the rate of a clock."""
+
+
+@dataclass(frozen=True)
+class DelayPlace:
+    """One stage at which a delay may be.
+
+    Args:
+        stage: which.
+        effect: key of what stands for it, the best that was tried; empty where nothing was.
+        told_apart: whether the log tells it from what was found; None of what was found, and where it is not decided.
+    """
+
+    stage: DelayStage
+    effect: str
+    told_apart: bool | None
+
+
+@dataclass(frozen=True)
+class DriftSeen:
+    """What the log says of the drift of a signal's clock.
+
+    Args:
+        signal: its name.
+        rate, sd: by which its lag grows, beside a delay that was found [s/s].
+        sd_of_a_minute: the sd that one run of 60 s of such motion would give [s/s].
+    """
+
+    signal: str
+    rate: float
+    sd: float
+    sd_of_a_minute: float
+
+
+@dataclass(frozen=True)
+class LocatedDelay:
+    """A delay that was found, and what this log tells of the stage at which it is.
+
+    Args:
+        found: key of the effect, or the fault of the log in words.
+        stage: at which it is, as it was found.
+        places: all four stages, in the order from the command to the log.
+        recordings: which would tell apart what this log does not.
+        drift: of the signal's clock; None where that is not known.
+    """
+
+    found: str
+    stage: DelayStage
+    places: tuple[DelayPlace, ...]
+    recordings: tuple[DelayRecording, ...]
+    drift: DriftSeen | None = None
+
+
 @dataclass(frozen=True)
 class WeightedModel:
     """A hypothesis that the data leave open, fitted.

@@ -19,18 +19,20 @@ JITTER = 1.5
 """Spacings by which two neighbouring cells may be apart; more, and one is missing between them."""
 
 
-def advanced(time: Float[np.ndarray, " T"], column: Float[np.ndarray, " T"], latency: float) -> Float[np.ndarray, " T"]:
+def advanced(
+    time: Float[np.ndarray, " T"], column: Float[np.ndarray, " T"], latency: float | Float[np.ndarray, " T"]
+) -> Float[np.ndarray, " T"]:
     """The column as it would read without its latency [its unit], nan where that is not known.
 
     Args:
         time: of the rows [s].
         column: as logged, nan where not measured.
-        latency: L, negative for a column that is stamped too late [s].
+        latency: L, of all rows or of each, negative for a column that is stamped too late [s].
     """
     cells = np.flatnonzero(~np.isnan(column))
-    if latency == 0 or len(cells) < 2:
+    if not np.any(latency) or len(cells) < 2:
         return column
-    t, c = time[cells] - latency, column[cells]
+    t, c = (time - latency)[cells], column[cells]
     rows, placed = _placed(time, t)
     slope = np.gradient(c, t)
     moved = np.full(len(time), np.nan)

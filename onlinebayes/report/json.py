@@ -57,6 +57,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "timings": [asdict(timing) for timing in result.timings],
         "wiring": None if result.wiring is None else asdict(result.wiring),
         "changes": [_change(change) for change in result.changes],
+        "delays": [asdict(delay) for delay in result.delays],
         "hypotheses": [_hypothesis(one) for one in result.hypotheses],
         "machine": machine(),
     }

@@ -87,6 +87,7 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "sensor_bias",
         "sensor_scale",
         "sensor_delay",
+        "sensor_clock",
         "contact_friction",
         "contact_softness",
         "parameter_drift",

@@ -11,7 +11,7 @@ from envs.pendulum import Pendulum
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator
-from onlinebayes.simulators.effects import Effect, SensorBias, SensorDelay, SensorScale
+from onlinebayes.simulators.effects import Effect, Reading, SensorBias, SensorClock, SensorDelay, SensorScale
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.sensing import sense, unsense
 from tests.simulators.models import SLIDE
@@ -54,6 +54,25 @@ def _interpolated(then: torch.Tensor, times: torch.Tensor, line: torch.Tensor, s
     knots = np.concatenate([[0.0], times.numpy()])
     inside = np.interp(then.numpy(), knots, line.numpy())
     return np.where(then.numpy() < 0, line[0].item() + slope * then.numpy(), inside)
+
+
+@pytest.mark.parametrize("lag", [0.03, -0.03])
+def test_a_clock_shows_what_was_or_will_be_and_begins_where_it_was_shown(lag: float) -> None:
+    """A steady motion is shown as steady, slower by the rate, from the shown start; so far both ways are exact."""
+    clock = SensorClock("qpos.rail", Parameter(-0.1, 0.1), Parameter(-0.1, 0.1))
+    rate, offset, q, v = torch.tensor([[0.02], [lag], [0.4], [1.5]], dtype=torch.float64)
+    own = {"rate": rate, "offset": offset}
+    times = 0.01 * torch.arange(1, 41, dtype=torch.float64)
+    start, slope = clock.unsense(own, q, v)
+    shown = clock.sense(own, Reading(start[:, None] + slope[:, None] * times, start, slope, times))
+    torch.testing.assert_close(shown[0], 0.4 + 1.5 * times, rtol=0.0, atol=1e-12)
+    assert float(slope) == pytest.approx(1.5 / 0.98)
+    assert float(start) == pytest.approx(0.4 + lag * 1.5 / 0.98)
+
+
+def test_a_clock_that_stands_is_refused() -> None:
+    with pytest.raises(BadInput, match="stay within -1 and 1"):
+        SensorClock("qpos.rail", Parameter(0.0, 1.0), Parameter(0.0, 0.1))
 
 
 def test_two_sensors_of_one_signal_are_undone_in_reverse() -> None:

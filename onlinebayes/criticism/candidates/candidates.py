@@ -89,7 +89,12 @@ def propose(
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [e for e in placed if not (e.tried_last or _unservoed(simulator, e) or _said(simulator, e))]
+            placed = [
+                effect
+                for effect in placed
+                if not (effect.tried_last or effect.tried_where_lag_grows)
+                and not (_unservoed(simulator, effect) or _said(simulator, effect))
+            ]
         possible = [effect for effect in placed if target or can_have(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in possible if possible or all_of_them else placed:

@@ -60,9 +60,7 @@ def target_scales(
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
     if kind == "parameter":
-        begin, end = instants(windows)
-        span = (float(begin.min()), float(end.max()))
-        return Scales(1.0, 1.0, 1.0, time, bounds=unscoped(simulator).parameters[target], span=span)
+        return Scales(1.0, 1.0, 1.0, time, bounds=unscoped(simulator).parameters[target], span=_span(windows))
     if kind == "geom":
         return Scales(force=1.0, speed=1.0, travel=1.0, time=time, contact=simulator.contacts[target])
     if kind in ("body", "site", "world"):
@@ -132,7 +130,13 @@ def _signal_scales(simulator: Extensible, windows: Windows, target: str, time: f
     values = windows.value[..., s][windows.measured[..., s]]
     travel = float(values.max() - values.min()) if len(values) else 0.0
     kind = simulator.joint_kinds.get(target.partition(".")[2], "hinge")
-    return Scales(force=1.0, speed=1.0, travel=max(travel, 1e-9), time=time, unit=kind)
+    return Scales(force=1.0, speed=1.0, travel=max(travel, 1e-9), time=time, unit=kind, span=_span(windows))
+
+
+def _span(windows: Windows) -> tuple[float, float]:
+    """The first and the last instant of what was measured [s]."""
+    begin, end = instants(windows)
+    return float(begin.min()), float(end.max())
 
 
 def _motion(simulator: Identifiable, windows: Windows, j: int) -> tuple[Tensor, float, float]:

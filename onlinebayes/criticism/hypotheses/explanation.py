@@ -11,6 +11,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber, OwnValues
+from onlinebayes.criticism.hypotheses.growing_lags import lag_growths
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.hypotheses.search import Search
@@ -179,6 +180,8 @@ def run_search(search: Search, fit_runs: Measurement, candidates: str | Sequence
         return search
     given, search.most = search.evaluator.given, most
     search.candidates = additions(given, fit_runs, candidates)
+    if candidates == "all" and not at_noise_floor(search.base):
+        search.candidates += clocks(given, fit_runs, search)
     search.last = flexible(given, fit_runs) if candidates == "all" else ()
     return _run(search, search.last)
 
@@ -237,6 +240,15 @@ def additions(
         found += [AddedEffect(effect, per_run=True) for effect in effects if effect.tried_per_run]
     found += [FreedNumber(address, bounds) for address, bounds in simulator.own_numbers.items()]
     return tuple(found)
+
+
+def clocks(simulator: Identifiable, measurement: Measurement, search: Search) -> tuple[Addition, ...]:
+    """What is tried only at signals whose lag grows along a run, at those."""
+    grown = [one.signal for one in lag_growths(search.base.fitted, search.evaluator.windows) if one.certain]
+    vocabulary = {**EFFECTS, **simulator.own_effects}
+    kinds = [name for name, kind in vocabulary.items() if kind.tried_where_lag_grows]
+    places = [f"{kind}@{signal}" for kind in kinds for signal in grown if signal in simulator.targets("signal")]
+    return additions(simulator, measurement, places) if places else ()
 
 
 def flexible(simulator: Identifiable, measurement: Measurement) -> tuple[Addition, ...]:

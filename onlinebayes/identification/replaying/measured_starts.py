@@ -3,23 +3,26 @@
     shown at t_w:  q(t_w - T), v(t_w - T)        the state at t_w:  what the sensor shows at t_w + T
 
 A start is handed over as the sensor shows it, and the state behind it is (q + v T, v), see ``simulators.sensing``. In
-a fit, where starts are free, that is enough; replayed as measured, a late sensor's velocity would be wrong by a T.
+a fit, where starts are free, that is enough; replayed as measured, a late sensor's velocity would be wrong by a T. Of a
+sensor whose clock drifts, T is what it lags at t_w, and it shows v (1 - rate).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification.data.grid import row_step, run_grids
-from onlinebayes.identification.data.latency import without_latency
+from onlinebayes.identification.data.latency import Lag, without_latency
 from onlinebayes.identification.data.starts import window_starts
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
+from onlinebayes.identification.replaying.timed import instants
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.abilities import Measured
-from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay
+from onlinebayes.simulators.effects import ActuatorDelay, SensorClock, SensorDelay
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -41,11 +44,10 @@ def windows_to_replay(
     """
     windows = make_windows(simulator, measurement, horizon, MEMORY * horizon, noise, inset=True)
     joints = joint_names(simulator)
-    late = {
-        signal: delay
-        for signal, delay in delays(simulator, theta, SensorDelay).items()
-        if delay and signal.removeprefix("qpos.") in simulator.joint_kinds and signal.removeprefix("qpos.") in joints
-    }
+    late = dict[str, Lag]()
+    for signal, lag in _lags(simulator, theta):
+        if signal.removeprefix("qpos.") in simulator.joint_kinds and signal.removeprefix("qpos.") in joints:
+            late[signal] = late[signal].plus(lag) if signal in late else lag
     if not late:
         return windows
     prompt = without_latency(measurement, late)
@@ -55,13 +57,25 @@ def windows_to_replay(
     ]
     names = [signal.name for signal in measurement.signals]
     state, _, moving = window_starts(run_grids(prompt, row_step(prompt)), cuts, names, joints, noise)
-    start = windows.start.clone()
-    for signal, delay in late.items():
+    start, begin = windows.start.clone(), instants(windows)[0].to(windows.start)
+    for signal, lag in late.items():
         j = joints.index(signal.removeprefix("qpos."))
         v = state[:, len(joints) + j]
         known = windows.free[:, j] & moving[:, j] & ~windows.start_given[:, j]  # what is known is no reading
-        start[known, j], start[known, len(joints) + j] = (state[:, j] - delay * v)[known], v[known]
+        start[known, j] = (state[:, j] - (lag.at_zero + lag.rate * begin) * v)[known]
+        start[known, len(joints) + j] = (v * (1 - lag.rate))[known]
     return replace(windows, start=start)
+
+
+def _lags(simulator: Measured, theta: Float[Tensor, " P"]) -> Iterator[tuple[str, Lag]]:
+    """Signals that are shown late, and by how much, where that is one law for all runs."""
+    yield from ((signal, Lag(delay)) for signal, delay in delays(simulator, theta, SensorDelay).items() if delay)
+    names = simulator.parameters
+    for effect in simulator.effects:
+        if isinstance(effect, SensorClock) and all(f"{effect.key}.{name}" in names for name in effect.parameters):
+            rate, offset = (float(theta[names.index(f"{effect.key}.{name}")]) for name in ("rate", "offset"))
+            if rate or offset:
+                yield effect.target, Lag(offset - rate * effect.begin, rate)
 
 
 def delays(

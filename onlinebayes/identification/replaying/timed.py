@@ -1,9 +1,11 @@
 """Parameters that change in time: what each piece of a window is replayed with.
 
     theta_wp = clip(theta + sum of shifts(begin_wp, end_wp)),      clip to the parameters' bounds
+    lag_w = offset + rate (begin_w - t0)                           of a sensor whose clock drifts
 
 Within a piece, an eighth of a window, a parameter is constant and takes the mean over it (``Effect.shift``). Held for
-whole windows, a fast drift leaves more than noise. Instants are those of the measurements' time column.
+whole windows, a fast drift leaves more than noise. A sensor's clock is told by how much it lags at a window's start,
+and drifts on within it by itself. Instants are those of the measurements' time column.
 """
 
 from __future__ import annotations
@@ -36,28 +38,26 @@ def in_time(
     """Theta of every window with what changes in time; the same tensor where nothing does.
 
     Args:
-        simulator: the physics, whose effects on parameters act here.
+        simulator: the physics, whose effects that shift a parameter act here.
         windows: W windows of one length.
         theta: of every window without these effects [SI].
         rows: of a piece; the mean over all when None.
     """
-    acting = [effect for effect in simulator.effects if effect.target_kind == "parameter"]
+    acting = [effect for effect in simulator.effects if effect.shifted]
     if not acting:
         return theta
-    shifts: dict[int, Tensor] = {}
+    columns, held = list(theta.unbind(-1)), set[int]()
     begin, end = (instant.to(theta) for instant in instants(windows, rows))
     space = simulator.parameters
     for effect in acting:
         own = {name: theta[..., space.index(f"{effect.key}.{name}")] for name in effect.parameters}
         shift = effect.shift(own, begin, end)
         if shift is not None:
-            i = space.index(effect.target)
-            shifts[i] = shifts[i] + shift if i in shifts else shift
-    if not shifts:
-        return theta
-    columns = list(theta.unbind(-1))
-    for i, shift in shifts.items():
-        columns[i] = (columns[i] + shift).clamp(float(space.low[i]), float(space.high[i]))
+            i = space.index(effect.shifted)
+            columns[i] = columns[i] + shift
+            held |= {i} if effect.target_kind == "parameter" else set()  # a lag outgrows what it begins with
+    for i in held:
+        columns[i] = columns[i].clamp(float(space.low[i]), float(space.high[i]))
     return torch.stack(columns, dim=-1)
 
 

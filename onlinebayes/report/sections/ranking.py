@@ -6,7 +6,7 @@ from typing import Literal
 
 from onlinebayes.criticism import Candidate, Criticism
 from onlinebayes.identification import quantities
-from onlinebayes.report import candidate_words, phrases, words
+from onlinebayes.report import candidate_words, delay_words, phrases, words
 from onlinebayes.report.markup import Html, bar, breakable, folded, join, section, table, tag
 from onlinebayes.report.sections.summary import sizes
 from onlinebayes.simulators.effects import EFFECTS, Scales
@@ -18,7 +18,7 @@ def render(result: Criticism) -> Html:
     """The ranking, the ties in words, the way from the base model to the final one."""
     if result.command == "compare":
         return Html("")
-    return join(_steps(result), _table(result), _in_words(result), _limits(result))
+    return join(_steps(result), _table(result), _in_words(result), _delays(result), _limits(result))
 
 
 def _table(result: Criticism) -> Html:
@@ -57,6 +57,16 @@ def _in_words(result: Criticism) -> Html:
     if still := candidate_words.motionless(result):
         sentences.append(tag("p", still, kind="note"))
     return section("What cannot be told apart", *sentences) if sentences else Html("")
+
+
+def _delays(result: Criticism) -> Html:
+    """Where a delay that was found is: what this log says of each stage, and which recording would say more."""
+    parts = []
+    for delay in result.delays:
+        title = f"Where it is: {delay_words.found(delay)}"
+        parts.append(table(title, ("stage", "effect", "this log"), delay_words.rows(delay)))
+        parts += [tag("p", sentence) for sentence in delay_words.recordings(delay)]
+    return section("Where the delay is", *parts, note=delay_words.NOTE) if parts else Html("")
 
 
 def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:

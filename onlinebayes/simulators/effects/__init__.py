@@ -30,6 +30,7 @@ from onlinebayes.simulators.effects.quadratic_load_friction import QuadraticLoad
 from onlinebayes.simulators.effects.scales import Contact, Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen, Servo
 from onlinebayes.simulators.effects.sensor_bias import SensorBias
+from onlinebayes.simulators.effects.sensor_clock import SensorClock
 from onlinebayes.simulators.effects.sensor_delay import SensorDelay
 from onlinebayes.simulators.effects.sensor_scale import SensorScale
 from onlinebayes.simulators.effects.servo_law import ServoLaw
@@ -71,6 +72,7 @@ EFFECTS: dict[str, type[Effect]] = {
         SensorBias,
         SensorScale,
         SensorDelay,
+        SensorClock,
         ContactFriction,
         ContactSoftness,
         ParameterDrift,
@@ -113,6 +115,7 @@ __all__ = [
     "Scales",
     "Seen",
     "SensorBias",
+    "SensorClock",
     "SensorDelay",
     "SensorScale",
     "Servo",

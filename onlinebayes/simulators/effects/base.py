@@ -45,6 +45,7 @@ class Effect(ABC):
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
         tried_at_servos: criticism tries it only at position servos and their joints (or where it is named).
+        tried_where_lag_grows: criticism tries it only at signals whose lag grows along a run (or where it is named).
         tried_per_run: criticism tries it also with one size in every run.
         same_law_as: addresses of a model's own numbers that are the same law, ``*`` for the element, one for each axis
             where there are axes, e.g. ``joint.*.damping``.
@@ -65,6 +66,7 @@ class Effect(ABC):
     wider: ClassVar[tuple[TargetKind, ...]] = ()
     tried_last: ClassVar[bool] = False
     tried_at_servos: ClassVar[bool] = False
+    tried_where_lag_grows: ClassVar[bool] = False
     tried_per_run: ClassVar[bool] = False
     same_law_as: ClassVar[tuple[str, ...]] = ()
     target: str
@@ -219,10 +221,18 @@ class Effect(ABC):
 
     # --- parameters in time -------------------------------------------------------------------------------------
 
+    @property
+    def shifted(self) -> str:
+        """Address of the parameter that :meth:`shift` moves: the target, where that is one; empty where none is."""
+        return self.target if self.target_kind == "parameter" else ""
+
     def shift(
         self, parameters: Mapping[str, Tensor], begin: Float[Tensor, " W"], end: Float[Tensor, " W"]
     ) -> Float[Tensor, "*batch W"] | None:
-        """By how much the target parameter differs, on average, from its fitted value between two instants.
+        """By how much the parameter that is :attr:`shifted` differs from its fitted value between two instants.
+
+        On average, where it is the target and held in between; at the first of them, where it is the effect's own and
+        the trajectory begins there.
 
         Args:
             parameters: short name -> values (*batch, W).

@@ -44,7 +44,7 @@ class Scales:
         output: largest force of an actuator itself, before its gear [N, N m].
         contact: of a geom, how the model has its contacts.
         bounds: of a parameter, its own.
-        span: of a parameter, the first and the last instant of what was measured [s].
+        span: of a parameter and of a signal, the first and the last instant of what was measured [s].
     """
 
     force: float

@@ -85,6 +85,22 @@ class Reading:
     slope: Float[Tensor, "*batch"]
     times: Float[Tensor, " T"]
 
+    def at(self, then: Float[Tensor, "*batch T"]) -> Float[Tensor, "*batch T"]:
+        """The signal at other instants [SI].
+
+        Between those of the reading linearly, before the start along the start's slope, after the end as before it.
+
+        Args:
+            then: since the start [s].
+        """
+        line = torch.cat([self.start[..., None], self.value], dim=-1)
+        knots = torch.cat([self.times.new_zeros(1), self.times])
+        after = torch.searchsorted(knots, then.contiguous()).clamp(1, len(self.times))
+        before, at = line.gather(-1, after - 1), line.gather(-1, after)
+        part = (then - knots[after - 1]) / (knots[after] - knots[after - 1])
+        earlier = self.start[..., None] + self.slope[..., None] * then
+        return torch.where(then < 0, earlier, before + part * (at - before))
+
 
 def limited(
     force: Float[Tensor, "*batch"], low: Float[Tensor, "*batch"], high: Float[Tensor, "*batch"]

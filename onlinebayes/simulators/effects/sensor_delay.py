@@ -62,15 +62,7 @@ class SensorDelay(Effect):
     def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
         """q(t - T)."""
         delay = parameters["delay"][..., None]
-        line = torch.cat([reading.start[..., None], reading.value], dim=-1)
-        knots = torch.cat([reading.times.new_zeros(1), reading.times])
-        then = reading.times - delay
-        after = torch.searchsorted(knots, then.contiguous()).clamp(1, len(reading.times))
-        before, at = line.gather(-1, after - 1), line.gather(-1, after)
-        part = (then - knots[after - 1]) / (knots[after] - knots[after - 1])
-        inside = before + part * (at - before)
-        earlier = reading.start[..., None] + reading.slope[..., None] * then
-        return torch.where(delay > 0, torch.where(then < 0, earlier, inside), reading.value)
+        return torch.where(delay > 0, reading.at(reading.times - delay), reading.value)
 
     def unsense(
         self, parameters: Mapping[str, Tensor], q: Float[Tensor, "*batch"], v: Float[Tensor, "*batch"]
