@@ -8,7 +8,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import log_faults
+from onlinebayes.criticism import log_faults, promising_faults
 from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.criticism.wiring.faults import COMMAND, Offset, Rescaled, WholeLog
 from onlinebayes.criticism.wiring.possible import possible_faults
@@ -45,7 +45,7 @@ def test_the_whole_log_is_named_before_a_zero_or_one_column(monkeypatch: pytest.
         Rescaled("signal", ("qpos.arm",), math.pi / 180, "degrees for radians"),
         Rescaled("command", ("servo",), math.pi / 180, COMMAND[math.pi / 180]),
     )
-    monkeypatch.setattr(log_faults, "possible_faults", lambda *_, **__: rivals)
+    monkeypatch.setattr(promising_faults, "possible_faults", lambda *_, **__: rivals)
     search = start_search(model, table)
     found = log_faults.find_fault(search.evaluator, search.base, table)
     assert found is not None
