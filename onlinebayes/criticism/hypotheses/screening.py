@@ -49,7 +49,7 @@ CONFOUNDED = 1e-3
 SILENT = 1e-3
 """Of what is left, by which a candidate moves the rows at most, whatever its size: it moves nothing."""
 
-PART = 0.1
+PART = 0.03
 """Of a candidate's norm, from which on a parameter is named as one that does the same."""
 
 SAME_LAW = 0.995
