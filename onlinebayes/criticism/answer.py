@@ -18,6 +18,7 @@ from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.named import names_said, with_probabilities
 from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.remainder import rms_over_floor
+from onlinebayes.criticism.findings.undetermined import determined
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.explanation import Explanation
@@ -28,6 +29,8 @@ from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.log_faults import LEAST_FLOORS, CorrectedLog
 from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
+    CONTRADICTED,
+    UNDETERMINED,
     Candidate,
     HeldOutError,
     LocatedDelay,
@@ -74,12 +77,16 @@ def answered(
     """
     units, made = {signal.name: signal.unit for signal in task.fit_runs.signals}, attempts.made
     explanation = explanation if fault is None else replace(explanation, found=explanation.base)
-    stopwatch("asking the held-out runs what to keep")
     nothing_gone: tuple[Explanation, tuple[str, ...]] = (explanation, ())
+    explanation, undetermined = made(
+        "asking what may be nothing", lambda: determined(explanation, task.selection.folds), nothing_gone
+    )
+    stopwatch("asking the held-out runs what to keep")
+    as_it_is: tuple[Explanation, tuple[str, ...]] = (explanation, ())
     explanation, contradicted = made(
         "asking the held-out runs what to keep",
         lambda: uncontradicted(explanation, task.held_runs, task.selection.horizon_s),
-        nothing_gone,
+        as_it_is,
     )
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
@@ -106,8 +113,9 @@ def answered(
         errs = tuple(name for name, left in after.items() if left > LEAST_FLOORS)
         dead = dead_commands(task.fit_runs) if errs else {}
         doubted = (*doubted, *([accused(dead, errs)] if dead else ()))
+    gone = dict.fromkeys(undetermined, UNDETERMINED) | dict.fromkeys(contradicted, CONTRADICTED)
     candidates: tuple[Candidate, ...] = made(
-        "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
+        "ranking the candidates", lambda: ranked(explanation, final_model.parameters, gone), ()
     )
     left = max(after.values(), default=math.inf)
     candidates = made(
@@ -151,7 +159,7 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=(*doubted, *map(_worse, contradicted), *task.notes, *said),
+        notes=(*doubted, *map(_worse, contradicted), *map(_nothing, undetermined), *task.notes, *said),
         contradicted=contradicted,
         widened=made("the bounds that exclude the truth", lambda: _widened(found), {}),
         detail=detail,
@@ -164,6 +172,10 @@ def answered(
         delays=delays,
         explanation=explanation,
     )
+
+
+def _nothing(key: str) -> str:
+    return f"{key} was added and may be nothing, its interval says: it is not in the model"
 
 
 def _worse(key: str) -> str:

@@ -32,6 +32,9 @@ MOVES_NOTHING = "nothing moves"
 NOT_NEEDED = "not needed"
 """Why a candidate that gains enough is not in the model: another one explains more."""
 
+UNDETERMINED = "its interval holds no effect"
+"""Why a candidate that was added once is not in the model."""
+
 CONTRADICTED = "the held-out error rises with it"
 """Why a candidate that explains the runs that were fitted is not in the model."""
 

@@ -45,10 +45,10 @@ def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) 
         gone.append(key)
     if not gone:
         return explanation, ()
-    return replace(explanation, found=found, rivals=_rivals(explanation, found, gone)), tuple(gone)
+    return replace(explanation, found=found, rivals=rivals_without(explanation, found, gone)), tuple(gone)
 
 
-def _rivals(explanation: Explanation, found: Evaluation, gone: Sequence[str]) -> tuple[Evaluation, ...]:
+def rivals_without(explanation: Explanation, found: Evaluation, gone: Sequence[str]) -> tuple[Evaluation, ...]:
     """The rivals without what was taken out; none where that is what they are rivals of."""
     if explanation.found.hypothesis.keys[:1] != found.hypothesis.keys[:1]:
         return ()

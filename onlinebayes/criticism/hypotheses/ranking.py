@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, OwnValues
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.screening import Prediction
-from onlinebayes.criticism.results import CONTRADICTED, MOVES_NOTHING, NOT_NEEDED, Candidate, Step
+from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, Step
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.results import Estimate
 from onlinebayes.simulators.effects import EFFECTS
 
 
-def ranked(
-    explanation: Explanation, fitted: Mapping[str, Estimate], contradicted: Collection[str] = ()
-) -> tuple[Candidate, ...]:
+def ranked(explanation: Explanation, fitted: Mapping[str, Estimate], gone: Mapping[str, str]) -> tuple[Candidate, ...]:
     """All candidates, what was added first, then by what they gain, those that cannot be told from a parameter last.
 
     Args:
         explanation: the search.
         fitted: the parameters of what was found.
-        contradicted: keys of what was taken out again.
+        gone: keys of what was taken out again -> why.
     """
     kept = laws(explanation.found.hypothesis)
     added = {found.added.addition.key: found for found in explanation.rounds if found.added is not None}
@@ -36,7 +34,7 @@ def ranked(
     for row in (*_tried(explanation, known), *_screened(explanation.rounds[0], known)):
         if row.effect not in known | own:
             known.add(row.effect)
-            rows.append(replace(row, refused_because=(CONTRADICTED,)) if row.effect in contradicted else row)
+            rows.append(replace(row, refused_because=(gone[row.effect],)) if row.effect in gone else row)
     limits = {p.addition.key: _limit(p) for p in explanation.rounds[-1].screened}
     rows = [row if row.accepted else replace(row, exclusion_limit=limits.get(row.effect)) for row in rows]
     free = [row for row in rows if not row.confounded_with]

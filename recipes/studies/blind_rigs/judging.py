@@ -12,6 +12,7 @@ import torch
 
 from envs.rigs import BlindCase, case, write_case
 from onlinebayes.criticism import Candidate, Criticism, names_said, refine, same_as
+from onlinebayes.identification import Estimate
 from onlinebayes.problems import ProblemFile, load_problem
 from onlinebayes.runs import processor_time
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -156,13 +157,19 @@ def _standing(candidate: Candidate) -> str:
     return f"{place}{gain}: {'; '.join(candidate.refused_because) or 'another went before it'}"
 
 
+def _given(result: Criticism, truth: Mapping[str, float]) -> dict[str, Estimate]:
+    """Estimates that are said to mean something; a number that was found to be off is no nuisance of the truth."""
+    known = {name: one for name, one in result.parameters.items() if name in truth and name not in result.accepted}
+    return {name: one for name, one in known.items() if one.identifiable}
+
+
 def _deviations(result: Criticism, truth: Mapping[str, float]) -> dict[str, float]:
     """Return the error of each estimate that is said to mean something, in half widths of its interval."""
-    given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
+    given = _given(result, truth)
     return {name: 2 * (e.mean - truth[name]) / (e.q95 - e.q05) for name, e in given.items() if e.q95 > e.q05}
 
 
 def _coverage(result: Criticism, truth: Mapping[str, float]) -> tuple[int, int]:
     """Count the 90 % intervals that hold the truth, of those that are said to mean something, and all of those."""
-    given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
+    given = _given(result, truth)
     return sum(e.q05 <= truth[name] <= e.q95 for name, e in given.items()), len(given)
