@@ -23,7 +23,7 @@ from onlinebayes.identification.fitting.blocks import Blocks
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
-from onlinebayes.identification.scope import Scope, own_name
+from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import HALVES
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
@@ -102,6 +102,7 @@ def _parts_model(
     simulator: ScopedSimulator, parts: Windows, theta: Float[Tensor, " F"]
 ) -> tuple[ScopedSimulator, Float[Tensor, " G"]]:
     """The model in which all is known but the own values of parts of runs, and where those begin."""
+    own = Scope(simulator.scope.own)
     known: dict[str, dict[str, float]] = {}
     begin: dict[str, float] = {}
     for name in parts.runs:
@@ -109,8 +110,8 @@ def _parts_model(
         values = dict(zip(simulator.physics.parameters, (A.to(theta) @ theta + c.to(theta)).tolist(), strict=True))
         free = simulator.free_in(name)
         known[name] = {address: value for address, value in values.items() if address not in free}
-        begin |= {own_name(address, name): values[address] for address in free}
-    model = ScopedSimulator(simulator.physics, Scope(simulator.scope.per_run, known), parts.runs)
+        begin |= {own.entry(address, name): values[address] for address in free}
+    model = ScopedSimulator(simulator.physics, replace(own, known=known), parts.runs)
     return model, theta.new_tensor([begin[name] for name in model.parameters])
 
 
