@@ -37,7 +37,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = (), budget_s:
     if problem.scope:
         raise BadInput(
             "an experiment for parameters that differ between runs is not planned by this version",
-            'leave out [runs], [effects.scope] and scope = "per_run", or plan for one run\'s constants',
+            'leave out [runs], [effects.scope] and scope = "per_run" or "per_unit", or plan for one run\'s constants',
             where=problem_file,
         )
     allowed = allowed_in(problem)

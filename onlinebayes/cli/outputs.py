@@ -11,16 +11,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from onlinebayes.report import REFINED_FILES, REPORT_FILES
+from onlinebayes.report import NEXT_UNIT, REFINED_FILES, REPORT_FILES
 from onlinebayes.runs import BadInput, DiskFull, Lock, NoLocks
 
-NAMES = (*REPORT_FILES, *REFINED_FILES)
+NAMES = (*REPORT_FILES, NEXT_UNIT, *REFINED_FILES)
 """All files that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
 
 
 def names_of(command: str) -> tuple[str, ...]:
     """Return the names of the files that ``compare``, ``diagnose`` or ``refine`` writes."""
-    return NAMES if command == "refine" else REPORT_FILES
+    return NAMES if command == "refine" else (*REPORT_FILES, NEXT_UNIT)
 
 
 def check_apart(paths: Sequence[Path], inputs: Mapping[Path, str]) -> None:

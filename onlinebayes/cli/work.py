@@ -12,7 +12,7 @@ from onlinebayes.cli.outputs import check_apart, clear, names_of, writable
 from onlinebayes.cli.summary import summary
 from onlinebayes.criticism import BUDGET_S, Question
 from onlinebayes.problems import criticise, load_problem
-from onlinebayes.report import noted, write_report
+from onlinebayes.report import REPORT_FILES, noted, write_report
 from onlinebayes.runs import Attempts, BadInput, Stopped, one_line
 
 FAILED = "the report holds all that was found without it"
@@ -51,8 +51,8 @@ def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()
         stale = clear(folder, files, problem.inputs)
     if stale:
         _log(f"taken away, as an earlier command left it: {', '.join(stale)}")
-    refined = [name for name in files if name.startswith("refined")]
-    print(attempts.made("the summary", lambda: summary(result, folder, refined), f"report:    {folder}"))
+    more = [name for name in files if name not in REPORT_FILES]
+    print(attempts.made("the summary", lambda: summary(result, folder, more), f"report:    {folder}"))
     failed = dict.fromkeys((*result.failed, *attempts.failed))
     for line in failed:
         _log(f"{line}; {FAILED}")

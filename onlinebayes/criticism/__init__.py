@@ -45,8 +45,10 @@ from onlinebayes.criticism.results import (
     Wiring,
 )
 from onlinebayes.criticism.timing import Timing
+from onlinebayes.criticism.unit_prior import next_unit
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.gauss_newton import fit
+from onlinebayes.identification.fleet import Fleet
 from onlinebayes.identification.judging.evaluator import Evaluation, FitRequest
 from onlinebayes.identification.judging.held_out import held_out_errors, run_scores
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
@@ -75,6 +77,7 @@ __all__ = [
     "FitRequest",
     "FittedModel",
     "FlatDirection",
+    "Fleet",
     "HeldOutError",
     "HorizonError",
     "Hypothesis",
@@ -118,6 +121,7 @@ __all__ = [
     "held_out_gain",
     "names_said",
     "next_experiment",
+    "next_unit",
     "prepare",
     "probability",
     "propose",

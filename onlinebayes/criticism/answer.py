@@ -13,6 +13,7 @@ from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.delays import ahead_of_commands, located_delays
 from onlinebayes.criticism.findings.doubts import doubts
+from onlinebayes.criticism.findings.fleets import fleets_of
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.named import names_said, with_probabilities
@@ -160,6 +161,7 @@ def answered(
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
         notes=(*doubted, *map(_worse, contradicted), *map(_nothing, undetermined), *task.notes, *said),
+        fleet=made("what the units have in common", lambda: fleets_of(final_model), {}) if fault is None else {},
         contradicted=contradicted,
         widened=made("the bounds that exclude the truth", lambda: _widened(found), {}),
         detail=detail,

@@ -22,6 +22,7 @@ from onlinebayes.criticism.results import (
 )
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail
+from onlinebayes.identification.fleet import Fleet
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, Selection
 
 
@@ -60,6 +61,7 @@ class Criticism:
         corrected: with ``data_problem``, the base model fitted to the corrected table, without replays.
         read_as: the lines of a problem file that read the log as it was read here, where it does not say how.
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
+        fleet: address -> how far it differs between units, and what the next unit's may be; of the final model.
         contradicted: what was added and taken out again, for the held-out error rises with it.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
         delays: what was found that delays something, and at which stages this log would let it be.
@@ -97,6 +99,7 @@ class Criticism:
     corrected: FittedModel | None = None
     read_as: str = ""
     hypotheses: tuple[WeightedModel, ...] = ()
+    fleet: Mapping[str, Fleet] = field(default_factory=dict)
     contradicted: tuple[str, ...] = ()
     failed: tuple[str, ...] = ()
     delays: tuple[LocatedDelay, ...] = ()

@@ -3,7 +3,8 @@
     theta ~ sum_k w_k N(mean_k, covariance_k),     cut off at the bounds
 
 The simulator has the additions of all hypotheses. In a world of one of them, those of the others are neutral. A
-parameter that differs between runs is drawn around the mean of its values, with their spread.
+parameter that differs between runs is drawn around the mean of its values, with their spread; one that differs between
+units as the next unit's (:mod:`.unit_prior`): the normal distribution of the same 90 % interval.
 
     result = refine(...)
     worlds = worlds_of(result)
@@ -21,6 +22,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.criticism import Criticism
+from onlinebayes.criticism.findings.fleets import fleets_of
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of
@@ -73,14 +75,7 @@ class ModelMixture:
 
         An addition that a model lacks has an sd of a thousandth of its range there, for a density needs a width.
         """
-        theta = self.mean.detach().clone().requires_grad_()
-        u = self.space.to_unit(theta)
-        (slope,) = torch.autograd.grad(u.sum(), theta)
-        covariance = slope[:, :, None] * self.covariance * slope[:, None, :]
-        spread = covariance.diagonal(dim1=1, dim2=2)
-        least = torch.where(spread < CERTAIN**2, torch.full_like(spread, NEUTRAL**2), CERTAIN**2)
-        roots = torch.linalg.cholesky(covariance + torch.diag_embed(least))
-        return TruncatedMixture(self.weight.log(), u.detach(), roots, Box.whole(self.space))
+        return density(self.space, self.weight, self.mean, self.covariance)
 
     def alone(self, k: int) -> ModelMixture:
         """The worlds of one of the models."""
@@ -97,7 +92,7 @@ def worlds_of(result: Criticism) -> ModelMixture:
     """
     believed = result.hypotheses
     simulator = _with_all(unscoped(result.base.simulator), [one.model for one in believed])
-    parts = [_embedded(simulator, one.model) for one in believed]
+    parts = [embedded(simulator, one.model) for one in believed]
     return ModelMixture(
         simulator,
         tuple(" + ".join(one.accepted) or "the model as it is" for one in believed),
@@ -126,12 +121,30 @@ def _wider(one: Parameter, other: Parameter) -> Parameter:
     return Parameter(min(one.low, other.low), max(one.high, other.high), one.unit, one.scale)
 
 
-def _embedded(simulator: Simulator, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
+def density(
+    space: ParameterSpace, weight: Float[Tensor, " K"], mean: Float[Tensor, "K P"], covariance: Float[Tensor, "K P P"]
+) -> TruncatedMixture:
+    """The mixture of normal distributions of theta [SI], as one over the bounds of the space."""
+    theta = space.clamp(mean).detach().clone().requires_grad_()
+    u = space.to_unit(theta)
+    (slope,) = torch.autograd.grad(u.sum(), theta)
+    covariance = slope[:, :, None] * covariance * slope[:, None, :]
+    spread = covariance.diagonal(dim1=1, dim2=2)
+    least = torch.where(spread < CERTAIN**2, torch.full_like(spread, NEUTRAL**2), CERTAIN**2)
+    roots = torch.linalg.cholesky(covariance + torch.diag_embed(least))
+    return TruncatedMixture(weight.log(), u.detach(), roots, Box.whole(space))
+
+
+def embedded(simulator: Simulator, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
     """Mean and covariance of a model in the parameters of all; the others' additions are neutral and certain."""
+    fleets = fleets_of(model)
     mean = simulator.nominal.to("cpu", torch.float64).clone()
     move, spread = mean.new_zeros(len(mean), len(model.theta)), torch.zeros_like(mean)
     for i, columns in _places(simulator, model):
         own = model.theta[columns].to(mean)
+        if fleet := fleets.get(simulator.parameters.names[i]):
+            mean[i], spread[i] = fleet.next.mean, fleet.next.sd**2
+            continue
         move[i, columns] = 1 / len(columns)
         mean[i], spread[i] = own.mean(), own.var(correction=0)
     covariance = move @ model.covariance.to(mean) @ move.T + torch.diag(spread)

@@ -28,6 +28,7 @@ from onlinebayes.identification.fitting.projection import Projected, noise_rows,
 from onlinebayes.identification.fitting.rows import BANDS, band_counts, band_squares, left_of
 from onlinebayes.identification.fitting.sensitivities import columns, linearise
 from onlinebayes.identification.fitting.window_length import fit_base
+from onlinebayes.identification.fleet import Fleet, fleet_of
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.replaying.charted import charted
@@ -58,6 +59,7 @@ __all__ = [
     "Fitted",
     "FittedModel",
     "FlatDirection",
+    "Fleet",
     "HorizonError",
     "Numerics",
     "Profile",
@@ -81,6 +83,7 @@ __all__ = [
     "fit",
     "fit_base",
     "flat_directions",
+    "fleet_of",
     "follow",
     "in_step",
     "joint_names",

@@ -1,4 +1,4 @@
-"""``[parameters]``, ``[runs]`` and ``[effects.scope]`` of a problem file: what is fitted, once or in every run.
+"""``[parameters]``, ``[runs]`` and ``[effects.scope]`` of a problem file: what is fitted, once or in every run or unit.
 
 | written                                                     | becomes                                              |
 |-------------------------------------------------------------|------------------------------------------------------|
@@ -7,13 +7,15 @@
 | ``"joint.f*.damping" = { .., tie = true }``                 | one parameter, the value of all of them              |
 | ``.. = { .., scope = "per_run" }``, ``[effects.scope]``     | one value in every run                               |
 | ``groups = ["ball-a-*", "ball-b-*"]``                       | runs that have what is per run in common             |
+| ``.. = { .., scope = "per_unit" }``, ``[effects.scope]``    | one value in every unit of the machine               |
+| ``units = ["arm-1-*", "arm-2-*"]``, ``[units]``             | runs of one unit                                     |
 | ``[runs."kp200*"]``, ``"actuator.goal.kp" = 1.9``           | a known constant of these runs                       |
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from onlinebayes.criticism import Scope
@@ -22,7 +24,7 @@ from onlinebayes.problems.section import Section
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco.addresses import is_glob
 
-SCOPES = ("shared", "per_run")
+SCOPES = ("shared", "per_run", "per_unit")
 NEVER_NEGATIVE = {
     "mass": "mass",
     "inertia": "moment of inertia",
@@ -42,6 +44,8 @@ class Declared:
         per_run: addresses and effects with one value a run.
         known: glob of runs -> address -> value [SI].
         groups: globs of runs that share what is per run.
+        per_unit: addresses and effects with one value a unit.
+        units: unit -> names or globs of its runs.
     """
 
     model: dict[str, Parameter]
@@ -50,6 +54,8 @@ class Declared:
     per_run: tuple[str, ...]
     known: dict[str, dict[str, float]]
     groups: tuple[str, ...] = ()
+    per_unit: tuple[str, ...] = ()
+    units: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def globs(self) -> tuple[str, ...]:
@@ -66,7 +72,7 @@ class Declared:
     @property
     def scope(self) -> Scope | None:
         """The differences of the parameters between runs; None where they do not differ."""
-        return Scope(self.per_run, self.known, self._unfitted, self.groups) or None
+        return Scope(self.per_run, self.known, self._unfitted, self.groups, self.per_unit, self.units) or None
 
     @property
     def _unfitted(self) -> tuple[str, ...]:
@@ -81,7 +87,7 @@ class Declared:
             section: ``[parameters]``, for messages.
         """
         model: dict[str, Parameter] = {}
-        own = list(self.per_run)
+        own = (list(self.per_run), list(self.per_unit))
         for name, parameter in self.model.items():
             with section.at(name):
                 found = (name,) if name in self.tied else expand(name)
@@ -91,9 +97,11 @@ class Declared:
                 if one in model:
                     raise section.error(name, f"'{one}' is matched twice", "let one glob match it")
                 model[one] = parameter
-                if name in self.per_run and one not in own:
-                    own.append(one)
-        return replace(self, model=model, per_run=tuple(n for n in own if n in model or "@" in n))
+                for names in own:
+                    if name in names and one not in names:
+                        names.append(one)
+        per_run, per_unit = (tuple(n for n in names if n in model or "@" in n) for names in own)
+        return replace(self, model=model, per_run=per_run, per_unit=per_unit)
 
 
 def declared(top: Section, effects: Section) -> Declared:
@@ -107,13 +115,14 @@ def declared(top: Section, effects: Section) -> Declared:
         cure = "name what may be inferred, with bounds; leave the table empty where nothing may"
         raise BadInput("[parameters] is missing", cure, where=top.file)
     read = {key: _parameter(section, key, value) for key, value in section.values.items()}
-    per_run = [key for key, (_, _, scope) in read.items() if scope == "per_run"]
+    own = {name: [key for key, (_, _, scope) in read.items() if scope == name] for name in SCOPES}
     scopes = effects.section("scope")
     for key in scopes.values:
         if "@" not in key:
             raise scopes.error(key, "no effect at a target", "write effect@target, e.g. constant_load@carriage")
-        if _scope(scopes, key) == "per_run" and key not in per_run:
-            per_run.append(key)
+        if key not in (named := own[_scope(scopes, key)]):
+            named.append(key)
+    per_run, per_unit = own["per_run"], own["per_unit"]
     return Declared(
         {key: bounds for key, (bounds, _, _) in read.items() if "@" not in key},
         frozenset(key for key, (_, tie, _) in read.items() if tie),
@@ -121,6 +130,8 @@ def declared(top: Section, effects: Section) -> Declared:
         tuple(per_run),
         _known(top.section("runs")),
         _groups(top, per_run),
+        tuple(per_unit),
+        _units(top, per_unit),
     )
 
 
@@ -129,6 +140,20 @@ def _groups(top: Section, per_run: list[str]) -> tuple[str, ...]:
     if groups and not per_run:
         raise top.error("groups", "nothing is per run", 'give a parameter or an effect the scope "per_run"')
     return groups
+
+
+def _units(top: Section, per_unit: list[str]) -> dict[str, tuple[str, ...]]:
+    """``["arm-1-*", "arm-2-*"]``, or a table of unit = runs."""
+    if isinstance(top.values.get("units"), dict):
+        table = top.section("units")
+        units = {unit: (runs,) if isinstance(runs, str) else table.texts(unit) for unit, runs in table.values.items()}
+    else:
+        units = {glob: (glob,) for glob in top.texts("units", ())}
+    for unit in (unit for unit, runs in units.items() if not runs):
+        raise top.section("units").error(unit, "no run is named", 'name its runs, e.g. ["arm-1-*"]')
+    if units and not per_unit:
+        raise top.error("units", "nothing is per unit", 'give a parameter or an effect the scope "per_unit"')
+    return units
 
 
 def _known(section: Section) -> dict[str, dict[str, float]]:
@@ -170,7 +195,7 @@ def _parameter(section: Section, key: str, value: Any) -> tuple[Parameter, bool,
 
 def _scope(table: Section, key: str) -> str:
     if (scope := table.text(key, "shared")) not in SCOPES:
-        raise table.error(key, f"scope '{scope}' is unknown", "write 'shared' or 'per_run'")
+        raise table.error(key, f"scope '{scope}' is unknown", "write 'shared', 'per_run' or 'per_unit'")
     return scope
 
 

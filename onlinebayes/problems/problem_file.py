@@ -35,8 +35,18 @@ FEWEST_STEPS = 4
 """Of the model in a run: one of fewer has a clock in another unit."""
 
 TOP = (
-    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "starts", "parameters"),
-    *("time", "signals", "commands", "commands_between_rows", "runs", "actuators", "model_edit", "selection"),
+    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "units", "starts"),
+    *(
+        "parameters",
+        "time",
+        "signals",
+        "commands",
+        "commands_between_rows",
+        "runs",
+        "actuators",
+        "model_edit",
+        "selection",
+    ),
     *("effects", "next"),
 )
 
@@ -115,7 +125,7 @@ def load_problem(
     for part, what in ((fit, "fit"), (held_out, "held-out")):
         _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, parameters.effects, selection.horizon_s)
-    scope = _scope(top, effects, parameters, simulator, measurement)
+    scope = _scope(top, effects, parameters, simulator, measurement, fit.runs)
     inputs = {path: "the problem file", path.parent / top.text("model"): "the model"}
     inputs |= {located(top, table): "a table of the problem" for table in tables}
     return ProblemFile(path, simulator, measurement, holdout, candidates, selection, added, scope, inputs)
@@ -163,7 +173,12 @@ def _selection(section: Section) -> Selection:
 
 
 def _scope(
-    top: Section, effects: Section, parameters: Declared, simulator: Extensible, measurement: Measurement
+    top: Section,
+    effects: Section,
+    parameters: Declared,
+    simulator: Extensible,
+    measurement: Measurement,
+    fitted: Sequence[str],
 ) -> Scope | None:
     """Return the differences of the parameters between runs, every name in it checked."""
     scopes = effects.section("scope")
@@ -177,8 +192,11 @@ def _scope(
             with top.section("runs").section(pattern).at(address):
                 if "@" in address:
                     check_constant(address, value, simulator)
-    with top.at("groups" if scope.groups and not scope.known else "runs"):
+    units = "units" if scope.units else "parameters"
+    with top.at("runs" if scope.known else "groups" if scope.groups else units):
         scope.check(simulator.parameters, measurement.runs)
+    with top.at(units):
+        scope.check_units(fitted)
     return scope
 
 

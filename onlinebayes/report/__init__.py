@@ -13,9 +13,10 @@ from onlinebayes.report.screen_lines import first_screen
 from onlinebayes.report.style import stylesheet
 from onlinebayes.report.svg import Curve, Panel, chart
 from onlinebayes.report.write import FILES as REPORT_FILES
-from onlinebayes.report.write import write_report
+from onlinebayes.report.write import NEXT_UNIT, write_report
 
 __all__ = [
+    "NEXT_UNIT",
     "PLAN_FILES",
     "REFINED_FILES",
     "REPORT_FILES",

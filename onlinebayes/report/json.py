@@ -13,7 +13,7 @@ from dataclasses import asdict
 from typing import Any
 
 from onlinebayes.criticism import Candidate, Criticism, ParameterChange, WeightedModel
-from onlinebayes.identification import Estimate
+from onlinebayes.identification import Estimate, Fleet
 from onlinebayes.runs.results import machine, versions
 
 SCHEMA = 1
@@ -58,6 +58,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "wiring": None if result.wiring is None else asdict(result.wiring),
         "changes": [_change(change) for change in result.changes],
         "delays": [asdict(delay) for delay in result.delays],
+        "fleet": {address: _fleet(fleet) for address, fleet in result.fleet.items()},
         "hypotheses": [_hypothesis(one) for one in result.hypotheses],
         "machine": machine(),
     }
@@ -83,6 +84,15 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "accepted_with": (),
         "rms_fall": None,
         "refused_because": candidate.refused_because,
+    }
+
+
+def _fleet(fleet: Fleet) -> dict[str, Any]:
+    whole = {"mean": fleet.mean, "spread": fleet.spread, "next": fleet.next}
+    return {
+        **_estimates(whole, of_the_model=False),
+        "units": _estimates(fleet.units, of_the_model=False),
+        "left_out": fleet.left_out,
     }
 
 

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from onlinebayes.identification import Estimate, quantities
+from onlinebayes.identification import Estimate, Fleet, quantities
 from onlinebayes.simulators.effects import EFFECTS
 
 NOT_DETERMINED = "not determined"
@@ -81,6 +81,18 @@ def estimate(value: Estimate) -> str:
     if 0 < value.q95 - value.q05 < value.sd:
         return NOT_DETERMINED
     return quantities.with_error(value.mean, value.sd, value.unit)
+
+
+def fleet(address: str, found: Fleet) -> str:
+    """``joint.a.damping: 0.31 N m s/rad on average, spread 0.04, the next unit's 0.22 to 0.4 (90 %)``."""
+    unit = found.mean.unit
+    spread = quantities.text(found.spread.mean, unit) if found.spread.mean else "none seen"
+    most = quantities.text(found.spread.q95, unit)
+    gone = f" ({listing(found.left_out)} not determined)" if found.left_out else ""
+    return (
+        f"{address}: {quantities.text(found.mean.mean, unit, 3)} on average of {len(found.units)} units{gone}, spread "
+        f"{spread} (at most {most}), the next unit's {interval(found.next)}"
+    )
 
 
 def interval(value: Estimate) -> str:

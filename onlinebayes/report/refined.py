@@ -142,6 +142,8 @@ def refined_toml(
         **_own(content["parameters"], result),
     }
     fitted = _fitted(_model(result) if rival is None else model)
+    for address, fleet in result.fleet.items() if rival is None else ():
+        fitted[address].append(f"the next unit's {phrases.interval(fleet.next)}")
     comments: dict[tuple[str, ...], str] = {
         ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in fitted.items()
     }

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from onlinebayes.criticism import Candidate, Criticism, Step
-from onlinebayes.identification import quantities
+from onlinebayes.identification import address_of, quantities
 from onlinebayes.report import phrases, region_words, words
 from onlinebayes.report.candidate_words import tie_members
 
@@ -37,6 +37,7 @@ def first_screen(result: Criticism) -> Iterator[Line]:
     if not result.only_compared:  # the headline says that already
         yield "wrong", _wrong(result)
     yield from (("missing" if k == 0 else "", text) for k, text in enumerate(_missing(result)))
+    yield from (("units" if k == 0 else "", text) for k, text in enumerate(_units(result)))
     if result.changed:
         yield "better", _better(result)
     if result.verdict != "insufficient_data":
@@ -86,8 +87,8 @@ def _missing(result: Criticism) -> Iterator[str]:
 
 def _addition(row: Candidate | None, key: str, share: float | None) -> str:
     sizes = [] if row is None else list(row.parameters.items())
-    # One size a run stands in the report: a single one would mislead here.
-    size = sizes[0][1] if sizes and "[run " not in sizes[0][0] else None
+    # One size a run or unit stands in the report: a single one would mislead here.
+    size = sizes[0][1] if sizes and address_of(sizes[0][0]) == sizes[0][0] else None
     named = f"{key} {phrases.estimate(size)}" if size is not None else key
     told = [] if row is None or row.probability is None else [f"probability {phrases.probability(row.probability)}"]
     if share is not None:
@@ -96,6 +97,14 @@ def _addition(row: Candidate | None, key: str, share: float | None) -> str:
         error = quantities.significant(row.score_gain_se or 0.0)
         told.append(f"gain {quantities.significant(row.score_gain)} ± {error}")
     return f"{named}: {', '.join(told)}" if told else named
+
+
+def _units(result: Criticism) -> Iterator[str]:
+    """Describe the parameters that have one value in every unit."""
+    shown = list(result.fleet.items())
+    yield from (phrases.fleet(address, fleet) for address, fleet in shown[:NAMED])
+    if left := shown[NAMED:]:
+        yield f"and {phrases.more(len(left), 'parameter')} with a value in every unit, in the report"
 
 
 def _better(result: Criticism) -> str:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from onlinebayes.criticism import Criticism
+from onlinebayes.criticism import Criticism, next_unit
+from onlinebayes.inference import saving
 from onlinebayes.report.html import to_html
 from onlinebayes.report.json import to_json
 from onlinebayes.report.recording import write_recording
@@ -15,6 +16,9 @@ from onlinebayes.runs import Attempts, together, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")
 """Files that every command writes."""
+
+NEXT_UNIT = "next_unit.json"
+"""The distribution of the next unit's parameters, where some have one value in every unit."""
 
 
 def write_report(
@@ -26,6 +30,8 @@ def write_report(
     attempts: Attempts | None = None,
 ) -> tuple[str, ...]:
     """Write report.json, report.html and run.rrd, and for ``refine`` the refined model: they appear together.
+
+    Where parameters have one value in every unit, next_unit.json stands beside them.
 
     A part that fails leaves the others as they are; on a full disk none is written.
 
@@ -59,6 +65,10 @@ def _write(result: Criticism, folder: Path, title: str, problem: str | Path | No
         lacking = left_out(result) if "refined.xml" in refined else {}
     page = to_html(result, title=title, refined=refined, left_out=lacking, attempts=noting)
     written = list(refined)
+    if result.fleet:
+        with noting.attempt(NEXT_UNIT):
+            saving.save(next_unit(result), folder / NEXT_UNIT)
+            written.append(NEXT_UNIT)
     for name, write in (
         ("report.html", lambda path: write_atomic(path, page)),
         ("run.rrd", lambda path: write_recording(result, path)),

@@ -151,7 +151,7 @@ def find_rivals(result: Criticism) -> Rivals:
     if explanation is None:
         raise BadInput("the criticism was read from a file", "plan with what diagnose or refine returns")
     if isinstance(explanation.found.fitted.simulator, ScopedSimulator):
-        own = ", ".join(explanation.found.fitted.simulator.scope.per_run)
+        own = ", ".join(explanation.found.fitted.simulator.scope.own)
         raise BadInput(
             f"{own} differs between the runs, and an experiment for such parameters is not planned by this version",
             "plan with runs in which it is the same, or record again",

@@ -42,7 +42,7 @@ def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
     if blocks.count < 2 or not len(fitted.theta):
         return torch.zeros(len(fitted.theta), len(fitted.theta)).to(fitted.theta)
     across = jackknife(leave_one_out(fitted, blocks)) + pressed(fitted)
-    return across + own_covariance(fitted, blocks) if isinstance(fitted.simulator, ScopedSimulator) else across
+    return across + own_covariance(fitted, blocks, across) if isinstance(fitted.simulator, ScopedSimulator) else across
 
 
 def pressed(fitted: Fit) -> Float[Tensor, "P P"]:

@@ -19,7 +19,7 @@ from torch import Tensor
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.timed import Rows, in_time
 from onlinebayes.identification.replaying.wrapper import SimulatorWrapper
-from onlinebayes.identification.scope import Scope, address_of, own_name
+from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -34,25 +34,26 @@ class ScopedSimulator(SimulatorWrapper):
     Args:
         physics: the simulator that is replayed.
         scope: what differs between runs.
-        runs: the runs that are fitted, each of which (or each group of which) gets own values.
+        runs: the runs that are fitted, each of which (or each group or unit of which) gets own values.
 
     Attributes:
         parameters: of phi.
-        owners: the runs and groups that have own values.
+        owners: the runs, groups and units that have own values.
         place, own: which of the physics' parameters each entry of phi is, and its number among the owners (-1: shared).
     """
 
     def __init__(self, physics: Identifiable, scope: Scope, runs: Sequence[str]) -> None:
         super().__init__(physics)
         self.scope, self.runs = scope, tuple(runs)
-        self.owners = tuple(dict.fromkeys(map(scope.owner, self.runs)))
+        owned = tuple(filter(scope.owned, physics.parameters))
+        self.owners = tuple(dict.fromkeys(scope.owner(address, run) for run in self.runs for address in owned))
         entries: dict[str, tuple[int, int, Parameter]] = {}  # name -> (place in theta, owner or -1, bounds)
         for i, (address, bounds) in enumerate(physics.parameters.items()):
             unknown = scope.owners_without(address, self.runs)
             if address in scope.unfitted or not unknown:
                 continue
             if scope.owned(address):
-                entries |= {own_name(address, owner): (i, self.owners.index(owner), bounds) for owner in unknown}
+                entries |= {scope.entry(address, owner): (i, self.owners.index(owner), bounds) for owner in unknown}
             else:
                 entries[address] = (i, -1, bounds)
         self.parameters = ParameterSpace({name: bounds for name, (_, _, bounds) in entries.items()})
@@ -97,16 +98,20 @@ class ScopedSimulator(SimulatorWrapper):
 
     def free_in(self, run: str) -> tuple[str, ...]:
         """Addresses of which a run has a value of its own that is neither known nor fitted yet."""
-        known, owner = {*self.scope.constants(run), *self.scope.unfitted}, self.scope.owner(origin(run))
+        scope, known = self.scope, {*self.scope.constants(run), *self.scope.unfitted}
         return tuple(
             name
             for name in self.physics.parameters
-            if self.scope.owned(name) and name not in known and own_name(name, owner) not in self.parameters
+            if scope.owned(name)
+            and name not in known
+            and scope.entry(name, scope.owner(name, origin(run))) not in self.parameters
         )
 
     def _belongs(self, entry: int, run: str | None) -> bool:
-        r = int(self.own[entry])
-        return r < 0 or (run is not None and self.owners[r] in map(self.scope.owner, (run, origin(run))))
+        r, address = int(self.own[entry]), self.physics.parameters.names[int(self.place[entry])]
+        return r < 0 or (
+            run is not None and self.owners[r] in {self.scope.owner(address, one) for one in (run, origin(run))}
+        )
 
     # --- a simulator --------------------------------------------------------------------------------------------
 
@@ -198,11 +203,12 @@ def scoped(simulator: Identifiable, scope: Scope | None, measurement: Measuremen
         runs: the ones that are fitted.
 
     Raises:
-        BadInput: the scope names a run or a parameter that is not there.
+        BadInput: the scope names a run or a parameter that is not there, or the fitted runs are of one unit alone.
     """
     if not scope:
         return simulator
     scope.check(simulator.parameters, measurement.runs)
+    scope.check_units(runs)
     return ScopedSimulator(simulator, scope, runs)
 
 
@@ -244,7 +250,8 @@ def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
         unknown = simulator.scope.owners_without(address, simulator.runs)
         if address in simulator.scope.unfitted or not unknown:
             continue
-        entries = [own_name(address, owner) for owner in unknown] if simulator.scope.owned(address) else [address]
+        scope = simulator.scope
+        entries = [scope.entry(address, owner) for owner in unknown] if scope.owned(address) else [address]
         found |= dict.fromkeys(entries, name)
     return found
 

@@ -16,8 +16,8 @@ WIDE = 0.8
 
 
 def render(result: Criticism) -> Html:
-    """Parameter table and flat directions."""
-    return join(_table(result), _flat(result))
+    """Parameter table, what units have in common, and flat directions."""
+    return join(_table(result), _fleets(result), _flat(result))
 
 
 def _table(result: Criticism) -> Html:
@@ -47,6 +47,36 @@ def _table(result: Criticism) -> Html:
     rest = rows[SHOWN:]
     more = folded(phrases.more(len(rest), "parameter"), table("The other parameters", head, rest)) if rest else ""
     return section("Values and intervals", shown, more, note=note) if rows else Html("")
+
+
+def _fleets(result: Criticism) -> Html:
+    """A table for each parameter that has one value in every unit."""
+    if not result.fleet:
+        return Html("")
+    head = ["of", "value", "90 % interval"]
+    tables = []
+    for address, fleet in result.fleet.items():
+        known = {
+            "the mean of all units": fleet.mean,
+            "the spread between units (sd)": fleet.spread,
+            "the next unit": fleet.next,
+            **{f"unit {name}": value for name, value in fleet.units.items()},
+        }
+        rows: list[tuple[str, str, str]] = [
+            (what, tag("strong", _fleet_value(value)), phrases.interval(value)) for what, value in known.items()
+        ]
+        rows += [(f"unit {name}", "not determined", "not used") for name in fleet.left_out]
+        tables.append(table(address, head, rows))
+    note = (
+        "The units' values are taken as drawn from one normal distribution; a unit's own is drawn towards the mean by "
+        "as much as its error leaves open. The intervals count that few units say little of their spread. Each "
+        "parameter is looked at alone. next_unit.json is the distribution of the next unit's, to load."
+    )
+    return section("From unit to unit", *tables, note=note)
+
+
+def _fleet_value(value: Estimate) -> str:
+    return quantities.text(value.mean, value.unit, 3) if value.mean else "none seen"
 
 
 def _state(value: Estimate, bounds: Parameter | None) -> str:
