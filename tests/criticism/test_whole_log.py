@@ -54,6 +54,16 @@ def test_the_whole_log_is_named_before_a_zero_or_one_column(monkeypatch: pytest.
     assert found.fault.lines.count("scale = 0.0174532925") == 2
 
 
+def test_a_log_within_a_turn_or_of_motors_is_not_in_degrees_throughout() -> None:
+    table, servo = in_degrees(), MujocoSimulator(SERVO, FREE, threads=1)
+    motor = MujocoSimulator(
+        SERVO.replace('position name="servo" joint="arm" kp="10"', 'motor name="servo" joint="arm"'), FREE
+    )
+    (whole,) = [fault for fault in possible_faults(servo, table) if isinstance(fault, WholeLog)]
+    for model, log in ((servo, whole.correct(table)), (motor, table)):
+        assert not any(isinstance(fault, WholeLog) for fault in possible_faults(model, log))
+
+
 def test_positions_and_commands_are_put_right_together() -> None:
     table = in_degrees()
     (whole,) = [

@@ -35,6 +35,8 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.abilities import Extensible, Measured
 from onlinebayes.simulators.identifiable import Identifiable
 
+TURN = 2 * math.pi
+
 TURNS = (math.pi / 2, -math.pi / 2, math.pi)
 
 
@@ -51,7 +53,7 @@ def possible_faults(simulator: Identifiable, measurement: Measurement, late: boo
         *_of_signals(simulator, measured),
         *conventions(simulator, measured),
         *_of_sensors([signal.name for signal in measurement.signals]),
-        *_of_whole_log(simulator, measured),
+        *_of_whole_log(simulator, measurement),
         *_of_commands(simulator),
         *(() if orientation_paths(simulator)[0] else shifts(measurement, bool(simulator.commands), late)),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
@@ -98,13 +100,24 @@ def units_of_all(simulator: Extensible, measured: Collection[str]) -> Iterator[R
             yield from (Rescaled("signal", names, factor, instead) for names in sets if len(columns) > 1 and names)
 
 
-def _of_whole_log(simulator: Extensible, measured: Collection[str]) -> Iterator[WholeLog]:
-    """The unit of all hinges and of all commands, as a log of position servos has it."""
+def _of_whole_log(simulator: Extensible, measurement: Measurement) -> Iterator[WholeLog]:
+    """The unit of all hinges and of all commands, where servos drive all of them.
+
+    A machine without a scale of its own looks alike in any unit; one that is more linear than its model looks better in
+    a smaller one. So the values must say it, too: in degrees they go beyond a turn in radians.
+    """
     joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
     hinges = [joint for joint in joints if simulator.joint_kinds.get(joint, "hinge") == "hinge"]
+    measured = [signal.name for signal in measurement.signals]
     names = tuple(name for joint in hinges for first in _columns(joint, measured)[:1] for name in first)
-    if names and simulator.commands:
-        for factor, instead in HINGE.items():
+    places = [measured.index(name) for name in names if name.startswith("qpos.")]
+    servos = {actuator for actuators in simulator.servos.values() for actuator in actuators}
+    if not places or not simulator.commands or not servos.issuperset(simulator.commands):
+        return
+    shown = measurement.data["signal"][..., places][measurement.data["measured"][..., places]]
+    largest = float(shown.abs().max()) if len(shown) else 0.0
+    for factor, instead in HINGE.items():
+        if (largest > TURN) if factor < 1 else (0 < largest < TURN / factor):
             signals = Rescaled("signal", names, factor, instead)
             yield WholeLog(signals, Rescaled("command", tuple(simulator.commands), factor, instead))
 
