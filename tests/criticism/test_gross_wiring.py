@@ -30,6 +30,7 @@ def dead(measurement: Measurement, name: str) -> Measurement:
     return replace(measurement, data=data)
 
 
+@pytest.mark.slow
 def test_a_quaternion_with_w_last_is_said() -> None:
     runs = tumbling.table(tumbling.Block(), runs=6, seconds=2.0)
     for columns in runs.values():
@@ -42,7 +43,11 @@ def test_a_quaternion_with_w_last_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "says"), [(1, "0.01 s (1 row) late"), pytest.param(-1, "0.01 s (1 row) early", marks=pytest.mark.slow)]
+    ("rows", "says"),
+    [
+        pytest.param(1, "0.01 s (1 row) late", marks=pytest.mark.slow),
+        pytest.param(-1, "0.01 s (1 row) early", marks=pytest.mark.slow),
+    ],
 )
 def test_a_column_a_row_from_the_others_is_said(rows: int, says: str) -> None:
     result = compare(ARM.model(), a_row_off(ARM.measure(), "qpos.elbow", rows))
@@ -62,6 +67,7 @@ def test_signals_a_row_from_the_commands_are_said_and_no_curve_between_rows(rows
     assert result.read_as == ""
 
 
+@pytest.mark.slow
 def test_a_command_that_never_changes_is_said_where_the_machine_moves_all_the_same() -> None:
     result = compare(ARM.model(), dead(ARM.measure(), "lift"))
     assert result.notes[0].startswith("ctrl.lift is 0 in every row while qpos.shoulder and qpos.elbow move")
