@@ -62,6 +62,11 @@ messy: setup     ## refine on machines with one or two large faults and six to t
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
 	$(BIN)/python -m recipes.studies.measured
+.PHONY: servo so101
+servo: setup     ## hobby servos by volts and by their own control law (needs ONLINEBAYES_DATA) -> docs/results/measured.json
+	$(BIN)/python -m recipes.studies.measured --sets xl330 xl330_servo sts3250
+so101: setup     ## a hobby arm of six servos beside mujoco.sysid (needs ONLINEBAYES_DATA) -> docs/results/measured.json
+	$(BIN)/python -m recipes.studies.measured --sets so101
 .PHONY: skid-steer-logs
 skid-steer-logs: setup  ## where two real robots are after 2 s of commands (needs ONLINEBAYES_DATA) -> docs/results/skid-steer-logs.json
 	$(BIN)/python -m recipes.studies.skid_steer_logs

@@ -99,11 +99,18 @@ def _root_mean(squares: Iterable[float]) -> float:
     return math.sqrt(sum(values) / len(values))
 
 
-def refine(name: str, data: Path, out: Path = OUT) -> Refined:
-    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``."""
+def refine(name: str, data: Path, out: Path = OUT, problem: Path | None = None) -> Refined:
+    """Run ``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``.
+
+    Args:
+        name: of the set.
+        data: folder of the measurements.
+        out: folder of the reports.
+        problem: a problem file that comes with the measurements, in the place of that one.
+    """
     folder = out / name
     (folder / "report.json").unlink(missing_ok=True)
-    problem = FOLDER / name / "problem.toml"
+    problem = problem or FOLDER / name / "problem.toml"
     command = [sys.executable, "-m", "onlinebayes.cli.main", "refine", str(problem), "--out", str(folder)]
     began = time.monotonic()
     subprocess.run(command, check=True, env={**NOTHING_KEPT, "ONLINEBAYES_DATA": str(data)})
