@@ -19,8 +19,9 @@ from onlinebayes.criticism.wiring.readings import Reading
 from onlinebayes.criticism.wiring.shifts import shifts
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.discretisation import Discretisation
+from onlinebayes.identification.fitting.window_length import FEW, thinned
 from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator, FitRequest
-from onlinebayes.identification.judging.rule import explains_half, preferred
+from onlinebayes.identification.judging.rule import LEAST_GAIN, explains_half, preferred
 from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
@@ -85,11 +86,15 @@ def _gained_in_stretches(
         raise
     except BadInput:
         return None
-    if windows.observed.sum() <= MOVING * evaluator.windows.observed.sum():
+    few = min(FEW / evaluator.windows.count, 1.0)
+    if windows.observed.sum() <= MOVING * few * evaluator.windows.observed.sum():
         return None
     anew = replace(evaluator, windows=windows, parted=windows, discretisation=_within(evaluator, windows.step))
     old = anew.of_table(evaluator.given, stood)
     asked = FitRequest(here.hypothesis, [here.values, {}], most=FIRST_STEPS)
+    curved, held = (one.evaluate(replace(asked, most=0)) for one in (anew, old))
+    if curved is None or held is None or curved.gains(held)[0].gain < LEAST_GAIN:
+        return None
     # The stretches leave out what is hardest to follow: what is worse over them than over all explains nothing.
     found = anew.evaluate(replace(asked, wanted=here.fitted.score))
     before = None if found is None else old.evaluate(asked)
@@ -111,7 +116,8 @@ def _stretches(reading: Reading, evaluator: Evaluator, runs: Measurement) -> tup
     """The windows of the runs read otherwise, and the same as the runs are read, with the same values to follow."""
     known = evaluator.windows
     memory = known.history.shape[1] * known.step
-    windows = make_windows(evaluator.given, reading.correct(runs), known.horizon, memory, known.noise)
+    every = make_windows(evaluator.given, reading.correct(runs), known.horizon, memory, known.noise)
+    windows = thinned(every, min(FEW, known.count))
     stood = make_windows(evaluator.given, runs, known.horizon, memory, like=windows)
     return windows, replace(stood, observed=stood.observed & windows.observed)
 
