@@ -106,7 +106,8 @@ def test_conformance_on_mujoco(effect: Effect, timesteps: int) -> None:
 @pytest.mark.slow
 def test_conformance_of_all_together() -> None:
     simulator = MujocoSimulator(ARM)
-    *first, last = _effects()
+    # A servo's law is the dead zone, the limit and the back-EMF together: beside them it has nothing left to do.
+    *first, last = [effect for effect in _effects() if effect.name != "servo_law"]
     for effect in first:
         simulator = simulator.with_effect(effect)
     # Commands that come through the dead zone, also when lagged.

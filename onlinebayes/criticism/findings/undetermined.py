@@ -53,13 +53,14 @@ def _nearest_to_nothing(explanation: Explanation, found: Evaluation, folds: int 
     near = [
         (abs(size.mean - neutral) / max(size.sd, 1e-300), one.key, size.identifiable)
         for one in effects
-        for size, neutral in [_size(one, model.parameters)]
+        for size, neutral in _size(one, model.parameters)
         if size.q05 <= neutral <= size.q95
     ]
     return min(near)[1:] if near else None
 
 
-def _size(addition: AddedEffect, parameters: Mapping[str, Estimate]) -> tuple[Estimate, float]:
-    """Its size, and the one at which it is nothing."""
+def _size(addition: AddedEffect, parameters: Mapping[str, Estimate]) -> list[tuple[Estimate, float]]:
+    """Its size, and the one at which it is nothing; none where each run has one of its own."""
     effect = addition.effect
-    return parameters[f"{effect.key}.{effect.magnitude}"], effect.neutral[effect.magnitude]
+    size = parameters.get(f"{effect.key}.{effect.magnitude}")
+    return [] if size is None else [(size, effect.neutral[effect.magnitude])]

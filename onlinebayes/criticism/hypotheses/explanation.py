@@ -224,7 +224,17 @@ def _base(given: Identifiable, fit_runs: Measurement, watch: Watch, memo: Memo) 
         for start in AddedEffect(effect).starts(given, values)
     ]
     again = evaluator.evaluate(FitRequest(Hypothesis(), [{}, *added], wanted=base.fitted.score))
-    return evaluator, better(again, base) or base
+    best = better(again, base) or base
+    if best is base:
+        return evaluator, base
+    # From there the model may follow the log for longer.
+    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo, best.values)
+    if begun.windows.horizon <= evaluator.windows.horizon:
+        return evaluator, best
+    longer = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say, memo=memo)
+    values = values_of(begun.fitted.simulator, begun.fitted.theta)
+    anew = longer.evaluate(FitRequest(Hypothesis(), [values], begun.fitted.lin.starts))
+    return (evaluator, best) if anew is None else (longer, anew)
 
 
 def additions(

@@ -9,8 +9,10 @@ that exceed the budget are thinned, evenly over the runs.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
@@ -74,7 +76,11 @@ class BaseFit:
 
 
 def fit_base(
-    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], memo: Memo | None = None
+    given: Identifiable,
+    measurement: Measurement,
+    noise: Float[Tensor, " S"],
+    memo: Memo | None = None,
+    begun: Mapping[str, float] = MappingProxyType({}),
 ) -> BaseFit:
     """The base model on the longest windows that it can follow.
 
@@ -83,14 +89,15 @@ def fit_base(
         measurement: the fit runs.
         noise: floor of each signal [SI].
         memo: keeps the answer for the next command.
+        begun: values by name from which the first fit begins [SI]; nominal ones for those that are missing.
 
     Raises:
         BadInput: no window can be replayed.
     """
     return remembered(
         memo or NoMemo(),
-        ("base", given, measurement, noise),
-        partial(_fit_base, given, measurement, noise),
+        ("base", given, measurement, noise, dict(begun)),
+        partial(_fit_base, given, measurement, noise, begun),
         lambda found: found.kept,
         partial(_kept_base, given, measurement, noise),
     )
@@ -106,12 +113,14 @@ def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tenso
     return BaseFit(windows, way, weighed(simulator, rough, windows, Linearisation.of(kept)))
 
 
-def _fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> BaseFit:
+def _fit_base(
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], begun: Mapping[str, float]
+) -> BaseFit:
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
     own = Integration(given.timestep)
-    first = _fitted(given, measurement, noise, horizon, Discretisation(own, own))
-    best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows))
+    first = _fitted(given, measurement, noise, horizon, Discretisation(own, own), begun)
+    best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows), begun)
     while horizon < max(measurement.durations):
         horizon *= 2
         try:
@@ -134,10 +143,11 @@ def _fitted(
     noise: Float[Tensor, " S"],
     horizon: float,
     before: BaseFit | Discretisation,
+    begun: Mapping[str, float] = MappingProxyType({}),
 ) -> BaseFit:
     """The model on few windows of one length, fitted roughly from where it was fitted before."""
     discretisation = before.discretisation if isinstance(before, BaseFit) else before
-    values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, BaseFit) else {}
+    values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, BaseFit) else begun
     windows = thinned(windows_of(given, measurement, horizon, noise, discretisation.values), FEW)
     simulator, rough = discretisation.values.of(given), discretisation.derivatives.of(given)
     fitted = fit(simulator, windows, theta_of(simulator, values), rough=rough, most=FIRST_STEPS)
