@@ -95,6 +95,9 @@ class TableReader:
                     again = "is given twice" if path == origin[run] else f"also stands in {origin[run]}"
                     raise BadInput(f"run '{run}' {again}", "give each run a name of its own", where=str(path))
                 runs[run], origin[run] = values, path
+        # All by the same amount: what drifts from run to run goes on in a clock that they share.
+        earliest = min((values[TIME][0] for values in runs.values()), default=0.0)
+        runs = {run: {**values, TIME: values[TIME] - earliest} for run, values in runs.items()}
         found = {name for values in runs.values() for name in values}
         present = [w.signal for w in wanted if w.signal.name in found]
         self._check_mapped(found, columns)
@@ -203,7 +206,6 @@ class TableReader:
             if f"ctrl.{name}" in inputs:
                 blank_while_off(name, inputs[f"ctrl.{name}"].source, values, where, numbers)
         check_columns(values, where, numbers, source.clock)
-        values[TIME] = values[TIME] - values[TIME][0]
         for w in found:
             values[w.signal.name] = advanced(values["time"], values[w.signal.name], w.latency)
         for quaternion in quaternions(s.name for s in self.signals):

@@ -75,9 +75,9 @@ def test_tables_with_an_epoch_in_nanoseconds_are_joined_row_by_row(tmp_path: Pat
     assert bool(found.data["measured"].all())
 
 
-def test_time_begins_at_zero_in_every_run(tmp_path: Path) -> None:
+def test_time_begins_at_zero_in_the_first_run_and_the_others_keep_their_distance(tmp_path: Path) -> None:
     rows = "run,time,ctrl.motor,qpos.hinge\na,37.5,1,0\na,38,1,0\nb,99.25,1,0\nb,99.5,1,0\n"
-    assert read(tmp_path, log=rows).data["time"].tolist() == [[0.0, 0.5], [0.0, 0.25]]
+    assert read(tmp_path, log=rows).data["time"].tolist() == [[0.0, 0.5], [61.75, 62.0]]
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,9 @@ LOST = 0.15
 """Of a signal's spread in its windows: beyond, the replay is too far from the machine for a linear prediction of what
 would mend it."""
 
+FAR = 0.5
+"""The same where shorter windows show nothing that could be mended: beyond, the replay has lost the machine."""
+
 INSIDE_NOISE = 2.0
 """Floors: a smaller error is no sign of having lost anything, however little a signal moves."""
 
@@ -81,6 +84,7 @@ def fit_base(
     noise: Float[Tensor, " S"],
     memo: Memo | None = None,
     begun: Mapping[str, float] = MappingProxyType({}),
+    lost: float = LOST,
 ) -> BaseFit:
     """The base model on the longest windows that it can follow.
 
@@ -90,14 +94,15 @@ def fit_base(
         noise: floor of each signal [SI].
         memo: keeps the answer for the next command.
         begun: values by name from which the first fit begins [SI]; nominal ones for those that are missing.
+        lost: share of each signal's spread that the error may reach.
 
     Raises:
         BadInput: no window can be replayed.
     """
     return remembered(
         memo or NoMemo(),
-        ("base", given, measurement, noise, dict(begun)),
-        partial(_fit_base, given, measurement, noise, begun),
+        ("base", given, measurement, noise, dict(begun), lost),
+        partial(_fit_base, given, measurement, noise, begun, lost),
         lambda found: found.kept,
         partial(_kept_base, given, measurement, noise),
     )
@@ -114,7 +119,7 @@ def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tenso
 
 
 def _fit_base(
-    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], begun: Mapping[str, float]
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], begun: Mapping[str, float], lost: float
 ) -> BaseFit:
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
@@ -129,7 +134,11 @@ def _fit_base(
             raise
         except BadInput:
             break
-        if longer.windows.count < FEWEST_WINDOWS or longer.windows.rows <= best.windows.rows or not follows(longer):
+        if (
+            longer.windows.count < FEWEST_WINDOWS
+            or longer.windows.rows <= best.windows.rows
+            or not follows(longer, lost)
+        ):
             break
         best = longer
     fitted, way = best.fitted, best.discretisation.values
@@ -181,7 +190,7 @@ def thinned(windows: Windows, most: int) -> Windows:
     return windows.select(torch.linspace(0, windows.count - 1, most, device=windows.run.device).round().long())
 
 
-def follows(found: BaseFit) -> bool:
+def follows(found: BaseFit, lost: float) -> bool:
     """Check whether the replay stays with the measurement over these windows."""
     windows, rows = found.windows, found.fitted.rows
     left = rows.in_noise(rows.residual)
@@ -191,8 +200,8 @@ def follows(found: BaseFit) -> bool:
     number = seen.sum((0, 1)).clamp_min(1)
     spread = (centred.square().sum((0, 1)) / number).sqrt()
     error = (torch.where(seen, left, torch.zeros_like(left)).square().sum((0, 1)) / number).sqrt()
-    lost = (error > LOST * spread) & (error > INSIDE_NOISE)
-    return not bool(lost.any()) and growth(windows, found.fitted) < LARGEST_GROWTH
+    gone = (error > lost * spread) & (error > INSIDE_NOISE)
+    return not bool(gone.any()) and growth(windows, found.fitted) < LARGEST_GROWTH
 
 
 def growth(windows: Windows, fitted: Fitted) -> float:
