@@ -56,6 +56,9 @@ blind-rigs: setup  ## the same on eight rigs (an hour; goes on where it was stop
 	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
 reliability: setup  ## is a name called 95 % probable right in 95 % of cases (hours; goes on where it was stopped) -> docs/results/reliability.json
 	$(BIN)/python -m recipes.studies.reliability --out $(OUT)/reliability
+.PHONY: ablation
+ablation: setup  ## the same blind cases with each rule of the search and without it (an hour; goes on where it was stopped) -> docs/results/ablation.json
+	$(BIN)/python -m recipes.studies.ablation --out $(OUT)/ablation
 blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two) -> docs/results/blind-pairs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 9100 --out $(OUT)/blind_pairs
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json

@@ -15,7 +15,6 @@ from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.hypotheses.explanation import (
     Explanation,
     explanation_of,
-    over_longer_windows,
     run_search,
     start_search,
 )
@@ -225,9 +224,6 @@ def _answers(
     certain = fault is not None and fault.certain
     with watch.giving_up(), attempts.attempt("the search"):
         search = run_search(search, task.fit_runs, candidates if most and not certain else (), most=most)
-        if fault is None and most and search.current is search.base and not at_noise_floor(search.current):
-            longer = over_longer_windows(search, task.fit_runs, watch)
-            search = search if longer is None else run_search(longer, task.fit_runs, candidates, most=most)
     answers.append(Found(task, explanation_of(search)))
     anew: Search | None = None
     with watch.giving_up(), attempts.attempt("the search with the log read otherwise"):

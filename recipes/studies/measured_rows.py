@@ -94,6 +94,24 @@ class Refined:
         return tuple(found)
 
 
+def rows_by_gain(refined: Refined, wanted: str, signal: str, goals: Mapping[str, float]) -> tuple[Row, ...]:
+    """Rows of a servo at several gains, one held-out run of each.
+
+    Args:
+        refined: what was said.
+        wanted: the effect that should be among those accepted.
+        signal: an angle.
+        goals: gain, as its run's name begins -> the most that its error after may be [rad].
+    """
+    rows = list(refined.rows(f"{wanted} among them", wanted in refined.accepted, {signal: "rad"}))
+    for run, (before, after) in refined.by_run(signal).items():
+        gain = run.partition("-")[0]
+        most, name = goals[gain], f"{refined.name}: held-out error at {gain}"
+        rows.append(Row(f"{name}, before", 1e3 * before, unit="mrad"))
+        rows.append(Row(f"{name}, after", 1e3 * after, unit="mrad", goal=f"<= {1e3 * most:g}", holds=after <= most))
+    return tuple(rows)
+
+
 def _root_mean(squares: Iterable[float]) -> float:
     values = list(squares)
     return math.sqrt(sum(values) / len(values))

@@ -31,9 +31,9 @@ def learnt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     file = tmp_path / "learnt.json"
     monkeypatch.setattr(named_module, "LEARNT", file)
     monkeypatch.setattr(reliability, "LEARNT", file)
-    named_module._coefficients.cache_clear()
+    named_module.learnt.cache_clear()
     yield file
-    named_module._coefficients.cache_clear()
+    named_module.learnt.cache_clear()
 
 
 def cases(count: int, draw: torch.Generator) -> list[Judged]:

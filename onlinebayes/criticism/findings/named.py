@@ -5,6 +5,8 @@ those of the final model and its fitted rivals; an equal that was not fitted wei
 
     p(one of them) = 1 / (1 + e^-(b . x)),      p(a name) = its weight p(one of them)
 
+within 1 / (N + 2) of 0 and 1, N the number of statements that b was learnt on (Laplace's rule of succession).
+
 The coefficients b are learnt on blind cases, see ``learnt.json`` beside this file: it names the command that made it.
 """
 
@@ -69,16 +71,41 @@ def evidence(said: Named) -> tuple[float, ...]:
     return 1.0, left, certain, large, math.log1p(len(said.equals)), float(min(said.place, 2)), away
 
 
+@dataclass(frozen=True)
+class Learnt:
+    """What was learnt on blind cases.
+
+    Args:
+        coefficients: b.
+        statements: number of statements that they were learnt on.
+    """
+
+    coefficients: tuple[float, ...]
+    statements: int
+
+
 @cache
-def _coefficients() -> tuple[float, ...]:
+def learnt() -> Learnt:
+    """What the file beside this one holds.
+
+    Raises:
+        BadInput: it is missing.
+    """
     if not LEARNT.exists():
         raise BadInput(f"{LEARNT.name} is missing", "run python -m recipes.studies.reliability --learn")
-    return tuple(json.loads(LEARNT.read_text(encoding="utf-8"))["coefficients"])
+    told = json.loads(LEARNT.read_text(encoding="utf-8"))
+    return Learnt(tuple(told["coefficients"]), told["statements"])
 
 
 def probability(said: Named) -> float:
-    """Compute the probability that a name or one of its equals is in the machine."""
-    return 1 / (1 + math.exp(-sum(b * x for b, x in zip(_coefficients(), evidence(said), strict=True))))
+    """Compute the probability that a name or one of its equals is in the machine.
+
+    N statements that were all right, or all wrong, would say (N + 1) / (N + 2) or 1 / (N + 2): nothing more certain.
+    """
+    known = learnt()
+    p = 1 / (1 + math.exp(-sum(b * x for b, x in zip(known.coefficients, evidence(said), strict=True))))
+    least = 1 / (known.statements + 2)
+    return min(max(p, least), 1 - least)
 
 
 def with_probabilities(candidates: Iterable[Candidate], named: Iterable[Named]) -> tuple[Candidate, ...]:
@@ -118,13 +145,11 @@ def names_said(explanation: Explanation, left: float, parameters: Mapping[str, E
 
 def _away(addition: Addition, parameters: Mapping[str, Estimate]) -> float:
     """How far the size of an effect lies from nothing [standard deviations]."""
-    if not isinstance(addition, AddedEffect):
+    found = addition.size(parameters) if isinstance(addition, AddedEffect) else None
+    if found is None or found[0].sd <= 0:
         return FARTHEST
-    effect = addition.effect
-    size = parameters.get(f"{effect.key}.{effect.magnitude}")
-    if size is None or size.sd <= 0:
-        return FARTHEST
-    return min(abs(size.mean - effect.neutral[effect.magnitude]) / size.sd, FARTHEST)
+    size, neutral = found
+    return min(abs(size.mean - neutral) / size.sd, FARTHEST)
 
 
 def _weights(explanation: Explanation, name: str, others: tuple[str, ...]) -> tuple[float, ...]:

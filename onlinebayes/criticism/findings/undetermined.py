@@ -9,7 +9,6 @@ the rule would not let it in any more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.findings.contradicted import rivals_without
@@ -17,7 +16,6 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.models import fitted_model
 from onlinebayes.identification.judging.evaluator import Evaluation, FitRequest, refused
-from onlinebayes.identification.results import Estimate
 
 
 def determined(explanation: Explanation, folds: int | None) -> tuple[Explanation, tuple[str, ...]]:
@@ -27,40 +25,42 @@ def determined(explanation: Explanation, folds: int | None) -> tuple[Explanation
         explanation: what the fit runs say.
         folds: number of blocks of the intervals.
     """
-    found, gone, evaluator = explanation.found, list[str](), explanation.evaluator
-    while (nothing := _nearest_to_nothing(explanation, found, folds)) is not None:
-        key, known = nothing
-        hypothesis = found.hypothesis.minus(key)
-        simpler: Evaluation | None = explanation.base
-        if hypothesis.additions:
-            simpler = evaluator.evaluate(FitRequest(hypothesis, [found.values], found.fitted.lin.starts))
-        if simpler is None or not (known or refused(found, simpler, explanation.base)):
-            break
-        found = simpler
+    found, gone = explanation.found, list[str]()
+    while (simpler := _without_one(explanation, found, folds)) is not None:
+        key, found = simpler
         gone.append(key)
     if not gone:
         return explanation, ()
     return replace(explanation, found=found, rivals=rivals_without(explanation, found, gone)), tuple(gone)
 
 
-def _nearest_to_nothing(explanation: Explanation, found: Evaluation, folds: int | None) -> tuple[str, bool] | None:
-    """Key of the effect that lies nearest to nothing, of those that may be, and whether its interval is its own."""
-    effects = [one for one in found.hypothesis.additions if isinstance(one, AddedEffect) and not one.per_run]
-    if not effects or found is explanation.base:
-        return None
+def _without_one(explanation: Explanation, found: Evaluation, folds: int | None) -> tuple[str, Evaluation] | None:
+    """The key of the first effect that goes, and the model without it; None where none does."""
+    for key, identifiable in _nearest_to_nothing(explanation, found, folds):
+        simpler = _fitted_without(explanation, found, key)
+        if simpler is not None and (identifiable or refused(found, simpler, explanation.base)):
+            return key, simpler
+    return None
+
+
+def _fitted_without(explanation: Explanation, found: Evaluation, key: str) -> Evaluation | None:
+    hypothesis = found.hypothesis.minus(key)
+    if not hypothesis.additions:
+        return explanation.base
+    return explanation.evaluator.evaluate(FitRequest(hypothesis, [found.values], found.fitted.lin.starts))
+
+
+def _nearest_to_nothing(explanation: Explanation, found: Evaluation, folds: int | None) -> list[tuple[str, bool]]:
+    """Keys of the effects that may be nothing, the nearest to it first, and whether the data determine each."""
+    effects = [one for one in found.hypothesis.additions if isinstance(one, AddedEffect)]
+    if not effects:
+        return []
     evaluator = explanation.evaluator
     model = fitted_model(found, evaluator, folds, evaluator.discretisation.values, ())
+    sizes = [(one.key, *size) for one in effects if (size := one.size(model.parameters)) is not None]
     near = [
-        (abs(size.mean - neutral) / max(size.sd, 1e-300), one.key, size.identifiable)
-        for one in effects
-        for size, neutral in _size(one, model.parameters)
+        (abs(size.mean - neutral) / max(size.sd, 1e-300), key, size.identifiable)
+        for key, size, neutral in sizes
         if size.q05 <= neutral <= size.q95
     ]
-    return min(near)[1:] if near else None
-
-
-def _size(addition: AddedEffect, parameters: Mapping[str, Estimate]) -> list[tuple[Estimate, float]]:
-    """Its size, and the one at which it is nothing; none where each run has one of its own."""
-    effect = addition.effect
-    size = parameters.get(f"{effect.key}.{effect.magnitude}")
-    return [] if size is None else [(size, effect.neutral[effect.magnitude])]
+    return [(key, identifiable) for _, key, identifiable in sorted(near)]

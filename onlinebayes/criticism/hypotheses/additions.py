@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from onlinebayes.criticism.candidates.candidates import trials
 from onlinebayes.identification.judging.hypothesis import Start
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, effect_entries, unscoped
+from onlinebayes.identification.results import Estimate
 from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.base import Simulator
@@ -58,6 +59,16 @@ class AddedEffect:
         if not self.per_run:
             return simulator.with_effect(self.effect)
         return _with_own(simulator, self.effect.key, unscoped(simulator).with_effect(self.effect), runs)
+
+    def size(self, parameters: Mapping[str, Estimate]) -> tuple[Estimate, float] | None:
+        """Its size, and the one at which it is nothing; None where each run has one of its own.
+
+        Args:
+            parameters: of a fitted model, by name.
+        """
+        first = self.effect.magnitude
+        size = parameters.get(f"{self.effect.key}.{first}")
+        return None if size is None else (size, self.effect.neutral[first])
 
     def at_end(self, values: Mapping[str, float]) -> bool:
         """Check whether its fitted size is the largest that can be, in one run at least: no size explains the data.

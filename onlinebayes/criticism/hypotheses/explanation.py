@@ -20,7 +20,7 @@ from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.identification.fitting.gauss_newton import MOST_STEPS
 from onlinebayes.identification.fitting.theta import values_of
-from onlinebayes.identification.fitting.window_length import FAR, LOST, all_windows, fit_base
+from onlinebayes.identification.fitting.window_length import all_windows, fit_base
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis, build
 from onlinebayes.identification.judging.rule import LEAST_GAIN
@@ -161,9 +161,7 @@ def start_search(
         Stopped: it was interrupted.
     """
     with watch.heeded():
-        evaluator, base = _base(given, fit_runs, watch, memo or NoMemo(), LOST)
-        if at_noise_floor(base):  # perhaps only for these windows are short
-            evaluator, base = _base(given, fit_runs, watch, memo or NoMemo(), FAR)
+        evaluator, base = _base(given, fit_runs, watch, memo or NoMemo())
         if not at_noise_floor(base):
             evaluator, base = with_original_integrator(evaluator, base) or (evaluator, base)
         return Search(evaluator, base, ())
@@ -208,25 +206,10 @@ def _run(search: Search, last: Sequence[Addition]) -> Search:
     return anew
 
 
-def over_longer_windows(search: Search, fit_runs: Measurement, watch: Watch) -> Search | None:
-    """A search that stands at the base model over longer windows; None where there are none.
-
-    Args:
-        search: that found nothing.
-        fit_runs: the runs.
-        watch: told what is being done.
-    """
-    known = search.evaluator
-    evaluator, base = _base(known.given, fit_runs, watch, known.memo, FAR)
-    return Search(evaluator, base, ()) if evaluator.windows.horizon > known.windows.horizon else None
-
-
-def _base(
-    given: Identifiable, fit_runs: Measurement, watch: Watch, memo: Memo, lost: float
-) -> tuple[Evaluator, Evaluation]:
+def _base(given: Identifiable, fit_runs: Measurement, watch: Watch, memo: Memo) -> tuple[Evaluator, Evaluation]:
     """The base model fitted, and by what."""
     watch.say("choosing the windows")
-    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo, lost=lost)
+    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo)
     evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say, memo=memo)
     values = values_of(begun.fitted.simulator, begun.fitted.theta)
     base = evaluator.evaluate(FitRequest(Hypothesis(), [values], begun.fitted.lin.starts))
@@ -245,7 +228,7 @@ def _base(
     if best is base:
         return evaluator, base
     # From there the model may follow the log for longer.
-    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo, best.values, lost)
+    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo, best.values)
     if begun.windows.horizon <= evaluator.windows.horizon:
         return evaluator, best
     longer = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say, memo=memo)

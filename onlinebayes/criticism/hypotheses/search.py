@@ -37,6 +37,9 @@ from onlinebayes.runs import side_by_side
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
 
+FIRST_REFITS = 2 * REFITS
+"""In the first round, while none of those before leaves noise."""
+
 LEAST_PREDICTED_GAIN = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
 
@@ -227,7 +230,7 @@ class Search:
         tried += self.tried(here, asked[1:], _wanted(here, tried))
         if here is self.base and not any(at_noise_floor(one.evaluation) for one in tried):
             # Far from the log a prediction means little, and all that follows stands on what enters first.
-            others = [prediction for prediction in promising(screened, 2 * REFITS) if prediction not in asked]
+            others = [prediction for prediction in promising(screened, FIRST_REFITS) if prediction not in asked]
             tried += self.tried(here, others, _wanted(here, tried))
         return Round(here, screened, tuple(tried), silent=silent)
 

@@ -1,6 +1,7 @@
 """The length of the windows, found by doubling: the longest over which the model still says something.
 
-    longer while   windows >= 15,   base error < .15 spread in every signal,   growth of a start's error < 5
+    longer while   windows >= 15,   growth of a start's error < 5,
+                   base error < .15 spread in every signal (.5 spread after windows that show no more than noise)
 
 A window in which the model has gone astray says nothing about what is missing; a short one hides what is slow. Windows
 that exceed the budget are thinned, evenly over the runs.
@@ -52,7 +53,7 @@ LOST = 0.15
 would mend it."""
 
 FAR = 0.5
-"""The same where shorter windows show nothing that could be mended: beyond, the replay has lost the machine."""
+"""The same where the windows before show no more than noise: beyond, the replay has lost the machine."""
 
 INSIDE_NOISE = 2.0
 """Floors: a smaller error is no sign of having lost anything, however little a signal moves."""
@@ -84,7 +85,6 @@ def fit_base(
     noise: Float[Tensor, " S"],
     memo: Memo | None = None,
     begun: Mapping[str, float] = MappingProxyType({}),
-    lost: float = LOST,
 ) -> BaseFit:
     """The base model on the longest windows that it can follow.
 
@@ -94,15 +94,14 @@ def fit_base(
         noise: floor of each signal [SI].
         memo: keeps the answer for the next command.
         begun: values by name from which the first fit begins [SI]; nominal ones for those that are missing.
-        lost: share of each signal's spread that the error may reach.
 
     Raises:
         BadInput: no window can be replayed.
     """
     return remembered(
         memo or NoMemo(),
-        ("base", given, measurement, noise, dict(begun), lost),
-        partial(_fit_base, given, measurement, noise, begun, lost),
+        ("base", given, measurement, noise, dict(begun)),
+        partial(_fit_base, given, measurement, noise, begun),
         lambda found: found.kept,
         partial(_kept_base, given, measurement, noise),
     )
@@ -119,7 +118,7 @@ def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tenso
 
 
 def _fit_base(
-    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], begun: Mapping[str, float], lost: float
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], begun: Mapping[str, float]
 ) -> BaseFit:
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
@@ -137,7 +136,7 @@ def _fit_base(
         if (
             longer.windows.count < FEWEST_WINDOWS
             or longer.windows.rows <= best.windows.rows
-            or not follows(longer, lost)
+            or not follows(longer, FAR if shows_nothing(best) else LOST)
         ):
             break
         best = longer
@@ -191,17 +190,32 @@ def thinned(windows: Windows, most: int) -> Windows:
 
 
 def follows(found: BaseFit, lost: float) -> bool:
-    """Check whether the replay stays with the measurement over these windows."""
-    windows, rows = found.windows, found.fitted.rows
-    left = rows.in_noise(rows.residual)
+    """Check whether the replay stays with the measurement over these windows.
+
+    Args:
+        found: the model on them.
+        lost: share of a signal's spread that its error may reach.
+    """
+    windows = found.windows
     seen, count = windows.seen, windows.seen.sum(1, keepdim=True).clamp_min(1)
-    value = torch.where(seen, windows.bin(windows.value) * per_noise(windows), torch.zeros_like(left))
+    value = torch.where(seen, windows.bin(windows.value) * per_noise(windows), torch.zeros_like(windows.bin_noise))
     centred = torch.where(seen, value - value.sum(1, keepdim=True) / count, torch.zeros_like(value))
-    number = seen.sum((0, 1)).clamp_min(1)
-    spread = (centred.square().sum((0, 1)) / number).sqrt()
-    error = (torch.where(seen, left, torch.zeros_like(left)).square().sum((0, 1)) / number).sqrt()
+    spread = (centred.square().sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
+    error = _errors(found)
     gone = (error > lost * spread) & (error > INSIDE_NOISE)
     return not bool(gone.any()) and growth(windows, found.fitted) < LARGEST_GROWTH
+
+
+def shows_nothing(found: BaseFit) -> bool:
+    """Check whether no more than noise is left over these windows: what is wrong shows in longer ones alone."""
+    return not bool((_errors(found) > INSIDE_NOISE).any())
+
+
+def _errors(found: BaseFit) -> Float[Tensor, " S"]:
+    """RMS of what is left of each signal [floors]."""
+    rows, seen = found.fitted.rows, found.windows.seen
+    left = torch.where(seen, rows.in_noise(rows.residual), torch.zeros_like(found.windows.bin_noise))
+    return (left.square().sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
 
 
 def growth(windows: Windows, fitted: Fitted) -> float:

@@ -14,6 +14,17 @@ def non_negative(key: str, name: str, parameter: Parameter) -> None:
         raise BadInput(f"{key}.{name} may be {parameter.low:g} {parameter.unit}", "it is never negative: start at 0")
 
 
+def divides(key: str, name: str, parameter: Parameter) -> None:
+    """Raise :class:`BadInput` for what a friction is divided by, if its bounds reach zero."""
+    if parameter.low <= 0:
+        raise BadInput(f"{key}.{name} may be {parameter.low:g}", "the friction is divided by it: stay above 0")
+
+
+def geometric(bounds: Parameter, part: float) -> float:
+    """The value at a part of the way between positive bounds, on a logarithmic scale."""
+    return float(bounds.low ** (1 - part) * bounds.high**part)
+
+
 def starts_within(name: str, bounds: Parameter, parts: Sequence[float]) -> tuple[dict[str, float], ...]:
     """Starting values of one parameter, at these parts of the way from its lower bound to its upper one.
 

@@ -16,9 +16,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.bounds import divides, geometric, joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
 
@@ -43,11 +42,7 @@ class LoadDependentStribeck(Effect):
 
     def __post_init__(self) -> None:
         non_negative(self.key, "mu", self.mu)
-        if self.stribeck_velocity.low <= 0:
-            raise BadInput(
-                f"{self.key}.stribeck_velocity may be {self.stribeck_velocity.low:g}",
-                "the friction is divided by it: stay above 0",
-            )
+        divides(self.key, "stribeck_velocity", self.stribeck_velocity)
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
@@ -63,19 +58,17 @@ class LoadDependentStribeck(Effect):
     @property
     def neutral(self) -> Mapping[str, float]:
         """mu = 0; vs, without meaning then, is the geometric middle of its bounds."""
-        return {"mu": 0.0, "stribeck_velocity": self._speed(0.5)}
+        return {"mu": 0.0, "stribeck_velocity": geometric(self.stribeck_velocity, 0.5)}
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A tenth of the largest mu at three Stribeck velocities."""
         mu = self.mu.low + 0.1 * (self.mu.high - self.mu.low)
-        return tuple({"mu": mu, "stribeck_velocity": self._speed(part)} for part in (0.35, 0.6, 0.85))
+        return tuple(
+            {"mu": mu, "stribeck_velocity": geometric(self.stribeck_velocity, part)} for part in (0.35, 0.6, 0.85)
+        )
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """mu abs(f) exp(-(v / vs)^2) [N, N m]."""
         near = torch.exp(-(seen.v / parameters["stribeck_velocity"]).square())
         return parameters["mu"] * seen.drive.abs() * near
-
-    def _speed(self, part: float) -> float:
-        low, high = self.stribeck_velocity.low, self.stribeck_velocity.high
-        return float(low ** (1 - part) * high**part)

@@ -15,9 +15,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.bounds import divides, geometric, joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
 
@@ -44,11 +43,7 @@ class StribeckFriction(Effect):
     def __post_init__(self) -> None:
         non_negative(self.key, "coulomb", self.coulomb)
         non_negative(self.key, "static", self.static)
-        if self.stribeck_velocity.low <= 0:
-            raise BadInput(
-                f"{self.key}.stribeck_velocity may be {self.stribeck_velocity.low:g}",
-                "the friction is divided by it: stay above 0",
-            )
+        divides(self.key, "stribeck_velocity", self.stribeck_velocity)
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
@@ -72,7 +67,7 @@ class StribeckFriction(Effect):
     @property
     def neutral(self) -> Mapping[str, float]:
         """Fc = Fs = 0; vs, without meaning then, is the geometric middle of its bounds."""
-        return {"coulomb": 0.0, "static": 0.0, "stribeck_velocity": self._speed(0.5)}
+        return {"coulomb": 0.0, "static": 0.0, "stribeck_velocity": geometric(self.stribeck_velocity, 0.5)}
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
@@ -82,14 +77,18 @@ class StribeckFriction(Effect):
         """
         least, most = (part * self.static.high for part in (1e-3, 1e-2))
         excess = tuple(
-            {"coulomb": 0.0, "static": size, "stribeck_velocity": self._speed(part)}
+            {"coulomb": 0.0, "static": size, "stribeck_velocity": geometric(self.stribeck_velocity, part)}
             for size in (least, most)
             for part in (0.25, 0.5, 0.75)
         )
         both = 0.05 * self.coulomb.high
         return (
             *excess,
-            {"coulomb": both, "static": min(2 * both, self.static.high), "stribeck_velocity": self._speed(0.5)},
+            {
+                "coulomb": both,
+                "static": min(2 * both, self.static.high),
+                "stribeck_velocity": geometric(self.stribeck_velocity, 0.5),
+            },
         )
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
@@ -97,7 +96,3 @@ class StribeckFriction(Effect):
         near = torch.exp(-(seen.v / parameters["stribeck_velocity"]).square())
         # As a mixture of two forces that are not negative it cannot become so by rounding.
         return parameters["coulomb"] * (1.0 - near) + parameters["static"] * near
-
-    def _speed(self, part: float) -> float:
-        low, high = self.stribeck_velocity.low, self.stribeck_velocity.high
-        return float(low ** (1 - part) * high**part)

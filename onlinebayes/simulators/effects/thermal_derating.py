@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.bounds import geometric, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
 
@@ -69,13 +69,16 @@ class ThermalDerating(Effect):
     @property
     def neutral(self) -> Mapping[str, float]:
         """c = 0; T, without meaning then, is the geometric middle of its bounds."""
-        return {"coefficient": 0.0, "time_constant": self._time(0.5)}
+        return {"coefficient": 0.0, "time_constant": geometric(self.time_constant, 0.5)}
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A weak derating with a short, a middling and a long time constant."""
         coefficient = 0.1 * self.coefficient.high
-        return tuple({"coefficient": coefficient, "time_constant": self._time(part)} for part in (0.3, 0.5, 0.7))
+        return tuple(
+            {"coefficient": coefficient, "time_constant": geometric(self.time_constant, part)}
+            for part in (0.3, 0.5, 0.7)
+        )
 
     @property
     def memory(self) -> float:
@@ -114,7 +117,3 @@ class ThermalDerating(Effect):
         assert seen.hidden is not None
         kept = torch.exp(-part * seen.timestep / parameters["time_constant"])
         return kept * seen.hidden["heat"] + (1.0 - kept) * (seen.drive / self.reference).square()
-
-    def _time(self, part: float) -> float:
-        low, high = self.time_constant.low, self.time_constant.high
-        return float(low ** (1 - part) * high**part)

@@ -5,22 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from onlinebayes.runs import Row
-from recipes.studies.measured_rows import refine
+from recipes.studies.measured_rows import refine, rows_by_gain
 
-NAME = "xl330"
-WANTED = "load_dependent_friction@servo"
-SIGNAL = "qpos.servo"
-GOALS = {"kp100": 0.085, "kp200": 0.095, "kp400": 0.110, "kp800": 0.095}  # [rad]
+GOALS = {"kp100": 0.085, "kp200": 0.095, "kp400": 0.110, "kp800": 0.095}
+"""Held-out error over 1 s that load-dependent friction reached in a scalar replay [rad]."""
 
 
 def judge(data: Path) -> tuple[Row, ...]:
-    """Refine the problem; the held-out error gain by gain, one run of each."""
-    refined = refine(NAME, data)
-    rows = list(refined.rows(f"{WANTED} among them", WANTED in refined.accepted, {SIGNAL: "rad"}))
-    for run, (before, after) in refined.by_run(SIGNAL).items():
-        gain = run.partition("-")[0]
-        rows.append(Row(f"{NAME}: held-out error at {gain}, before", 1e3 * before, unit="mrad"))
-        name = f"{NAME}: held-out error at {gain}, after"
-        most = GOALS[gain]
-        rows.append(Row(name, 1e3 * after, unit="mrad", goal=f"<= {1e3 * most:g}", holds=after <= most))
-    return tuple(rows)
+    """Refine the problem; the held-out error gain by gain."""
+    return rows_by_gain(refine("xl330", data), "load_dependent_friction@servo", "qpos.servo", GOALS)

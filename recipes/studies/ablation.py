@@ -1,0 +1,122 @@
+"""``make ablation``: is the answer better with each rule of the search than without it?
+
+Each rule is taken out by itself, and the same blind cases are judged with it and without it. A case in which both give
+the same verdict and names says nothing for the rule.
+
+    python -m recipes.studies.ablation [--rules ...]  -> docs/results/ablation.json
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from envs.rigs import RIGS
+from onlinebayes.criticism import answer
+from onlinebayes.criticism.hypotheses import additions, search
+from onlinebayes.experiments import STOPPED, status
+from onlinebayes.identification.fitting import window_length
+from onlinebayes.identification.judging import evaluator, rule
+from onlinebayes.runs import ResultTable
+from recipes.studies.blind_rigs.judging import judge, unanswered
+from recipes.studies.blind_rigs.plan import Job, jobs
+from recipes.studies.blind_rigs.record import Judged
+from recipes.studies.jobs import check_names, each_kept_or_done, finished, record
+
+FIRST = 60_000
+"""Seed of a rig's first case: none of these has been looked at."""
+
+WHOLE = "nothing"
+
+
+def _unsure(found: Any, gained: Any, *, noise_left: bool = False) -> str | None:
+    del noise_left
+    return rule.refusal(found, gained)
+
+
+def _kept(explanation: Any, *_: Any) -> tuple[Any, tuple[str, ...]]:
+    return explanation, ()
+
+
+RULES: Mapping[str, Callable[[], None]] = {
+    WHOLE: lambda: None,
+    "shorter windows where the model errs grossly": lambda: setattr(window_length, "LOST", window_length.FAR),
+    "six candidates in the first round": lambda: setattr(search, "FIRST_REFITS", search.REFITS),
+    "what leaves noise is not uncertain": lambda: setattr(evaluator, "refusal", _unsure),
+    "an effect at its end is refused": lambda: setattr(additions.AddedEffect, "at_end", lambda *_: False),
+    "one law at all places": lambda: setattr(search, "at_every_place", lambda *_: iter(())),
+    "what may be nothing goes": lambda: setattr(answer, "determined", _kept),
+    "held-out runs take out": lambda: setattr(answer, "uncontradicted", _kept),
+    "rivals far behind are given up": lambda: setattr(search, "RIVALS_MARGIN", 1e9),
+}
+"""Rule -> takes it out of the process that it is called in; each job has a process of its own."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Options of the study."""
+
+    rules: tuple[str, ...] = tuple(RULES)
+    """which are taken out; ``nothing`` is always judged, too"""
+    effects: int = 1
+    """cases of each rig that hide effects"""
+    processes: int = 2
+    """that share the cases"""
+    minutes: float = 1.5
+    """of processor time that refine may take for a case"""
+    out: Path = Path("out/ablation")
+    """folder of the cases"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+
+
+def judged_without(name: str, job: Job, limit: float) -> dict[str, Any]:
+    """The record of a case that is judged without a rule, within so much processor time [s]."""
+    RULES[name]()
+    return judge(job, limit)
+
+
+def tabulate(cases: Mapping[tuple[str, str], Judged], rules: Sequence[str]) -> ResultTable:
+    """For each rule: how many answers differ without it, and how many are right with it and without."""
+    table = ResultTable("ablation", "make ablation", [FIRST])
+    whole = {job: case for (name, job), case in cases.items() if name == WHOLE}
+    for name in rules:
+        pairs = [(whole[job], case) for (out, job), case in cases.items() if out == name and job in whole]
+        if name == WHOLE or not pairs:
+            continue
+        differ = sum((a.verdict, {*a.accepted}) != (b.verdict, {*b.accepted}) for a, b in pairs)
+        table.add(f"{name}: other answers without it", differ, spread=f"of {len(pairs)} cases")
+        right, without = (sum(not (one.missed or one.ended) for one in side) for side in zip(*pairs, strict=True))
+        table.add(f"{name}: right answers with it", right, spread=f"without it {without}")
+        spent, saved = (sum(one.seconds for one in side) for side in zip(*pairs, strict=True))
+        table.add(f"{name}: processor time with it over without", spent / max(saved, 1e-9), unit="times")
+    return table
+
+
+def main(study: Study) -> int:
+    """Judge what is not judged yet, and write the table."""
+    check_names(study.rules, RULES)
+    rules = tuple(dict.fromkeys((WHOLE, *study.rules)))
+    cases = jobs({"effect": study.effects}, RIGS, FIRST)
+    asked = {(name, job): partial(judged_without, name, job, 60 * study.minutes) for job in cases for name in rules}
+    places = {name: str(k) for k, name in enumerate(RULES)}
+    found = each_kept_or_done(
+        "ablation",
+        study.out,
+        asked,
+        lambda key: f"{places[key[0]]}-{key[1].name}",
+        processes=study.processes,
+        limit=240 * study.minutes,
+        failed=lambda key, why: unanswered(key[1], why),
+    )
+    judged = {(name, job.name): record(Judged, result) for (name, job), result in found.items()}
+    finished(tabulate(judged, rules), study.results, found)
+    return STOPPED if found.stopped else 0
+
+
+if __name__ == "__main__":
+    sys.exit(status(main, Study, __doc__))
