@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, WiderBounds
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals, laws
 from onlinebayes.criticism.hypotheses.weighing import weighted
@@ -119,7 +119,7 @@ def with_probabilities(candidates: Iterable[Candidate], named: Iterable[Named]) 
 
 
 def names_said(explanation: Explanation, left: float, parameters: Mapping[str, Estimate]) -> tuple[Named, ...]:
-    """Every name of an answer, in the order in which they were added.
+    """Every name of an answer, in the order in which they were added; a bound that is wider names nothing.
 
     Args:
         explanation: what was found.
@@ -132,6 +132,8 @@ def names_said(explanation: Explanation, left: float, parameters: Mapping[str, E
     for place, name in enumerate(name for name in kept if name in rounds):
         added = rounds[name].added
         assert added is not None
+        if isinstance(added.addition, WiderBounds):
+            continue
         others = equals(rounds[name])
         weights = _weights(explanation, name, others)
         first = added.gains[0]
