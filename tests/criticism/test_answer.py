@@ -75,6 +75,8 @@ def test_bounds_that_exclude_the_truth_are_widened() -> None:
     low, high = found.widened["body.cart.mass"].after
     assert low <= TRUTH[0] <= high
     assert found.remainder.status == "noise"
+    # A wider range names no effect: nothing is said with a probability.
+    assert [row.effect for row in found.candidates if row.probability is not None] == []
 
 
 @pytest.mark.slow

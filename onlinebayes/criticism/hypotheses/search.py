@@ -84,12 +84,12 @@ class Search:
         """The hypothesis of which no neighbour is preferred."""
         self.current = self.base = self.refined(self.base)
         self.flexible = {*self.last}
-        while (move := next(self.moves(self.current), None)) is not None:
+        while (move := next(self.moves(here := self.current), None)) is not None:
             if not move.rounds:
-                self.base = move.found if self.current is self.base else self.base
+                self.base = move.found if here is self.base else self.base
                 self.current = move.found
                 continue
-            self._left.add(frozenset(self.current.hypothesis.keys))
+            self._left.add(frozenset(here.hypothesis.keys))
             self.rounds += move.rounds
             after = self.refined(move.found)
             self.current = after if move.together else self.pruned(after)

@@ -27,13 +27,14 @@ def carts() -> MujocoSimulator:
     return MujocoSimulator(CARTS.format("".join(map(CART.format, NAMES)), motors), MASSES, threads=1)
 
 
-def damped(runs: int = 6, rows: int = 301) -> Measurement:
-    """Three carts that rub alike."""
+def damped(runs: int = 6, rows: int = 301, dry: float = 0.0) -> Measurement:
+    """Three carts that rub alike; the left one rubs dry too, with a force of ``dry`` (N)."""
     simulator = carts()
     for name in NAMES:
         simulator = simulator.with_effect(ViscousFriction(name, Parameter(0.0, 5.0, "N s/m")))
+    simulator = simulator.with_effect(DryFriction("left", Parameter(0.0, 5.0, "N")))
     command = torch.cat([commands(runs, rows, 0.01, seed) for seed in range(3)], dim=2)
-    theta = torch.tensor([2.0] * 3 + [LACKING] * 3, dtype=torch.float64).expand(runs, -1)
+    theta = torch.tensor([2.0] * 3 + [LACKING] * 3 + [dry], dtype=torch.float64).expand(runs, -1)
     rest = torch.zeros(runs, 3, dtype=torch.float64)
     times = 0.01 * torch.arange(rows, dtype=torch.float64)
     inputs = TensorDict({"command": command[:, :-1]}, batch_size=(runs, rows - 1))
@@ -58,6 +59,14 @@ def test_what_all_joints_lack_is_named_at_all_of_them_in_one_round() -> None:
     assert [found.found.values[f"{key}.damping"] for key in keys] == pytest.approx([LACKING] * 3, rel=0.01)
     first, *others = found.rounds
     assert all(one.screened is first.screened for one in others[:2])  # nothing was screened in between
+
+
+@pytest.mark.slow
+def test_what_one_joint_lacks_beside_a_law_at_all_of_them_is_named_too() -> None:
+    candidates = ["viscous_friction", "dry_friction"]
+    found = explain(carts(), damped(dry=0.6), holdout=["run5"], candidates=candidates)
+    keys = {f"viscous_friction@{name}" for name in NAMES} | {"dry_friction@left"}
+    assert set(found.found.hypothesis.keys) == keys
 
 
 def test_a_law_is_known_wherever_it_is() -> None:
