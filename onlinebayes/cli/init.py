@@ -5,12 +5,19 @@ What is in it: :mod:`.first_draft`. What could not be matched stands in the file
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart
 from onlinebayes.problems.drafting import Match, cure, doubt, draft, weld_of
-from onlinebayes.runs import BadInput, one_line, write_atomic
+from onlinebayes.runs import BadInput, Stages, one_line, write_atomic
+
+NUMBER = re.compile(r"\d+")
+
+MANY = 8
+"""Numbered columns of one kind that are said in one line."""
 
 
 def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
@@ -33,14 +40,11 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         raise BadInput("the file is there already", "choose another --out, or write over it with --force", where=out)
     if not target.parent.is_dir():
         raise BadInput("its folder is not there", "make it, or choose another --out", where=out)
-    drafted = draft(Path(model), [Path(log) for log in logs], target)
+    with Stages() as say:
+        drafted = draft(Path(model), [Path(log) for log in logs], target, say)
     write_atomic(target, drafted.text)
-    for found in drafted.matches:
-        shown = bool(found.keys) and found.unit_why != Match.unit_why
-        by_itself = found.exact or (shown and found.column == found.name)
-        said = () if by_itself else (f"({found.why}: check it)",)
-        more = (f"({found.unit_why})",) if shown else ()
-        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said, *more)
+    for alike in _alike(drafted.matches):
+        _say("matched:", *_matched(alike))
     for line in drafted.untied:
         _say("clocks:", line)
     for name, columns in drafted.missing.items():
@@ -55,6 +59,31 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         _say("unused:", ", ".join(drafted.unused))
     _say("wrote:", str(target))
     return 0
+
+
+def _alike(matches: Sequence[Match]) -> list[list[Match]]:
+    """The matches, those of many numbered columns in a row as one."""
+    groups = [list(group) for _, group in groupby(matches, key=_kind)]
+    return [part for group in groups for part in ([group] if len(group) >= MANY else [[one] for one in group])]
+
+
+def _kind(found: Match) -> tuple[str, ...]:
+    """Matches of one kind differ by a name and a number alone."""
+    return found.name.partition(".")[0], NUMBER.sub("#", found.column), found.unit, found.why, found.unit_why
+
+
+def _matched(alike: Sequence[Match]) -> tuple[str, ...]:
+    """Say how one column, or many alike, were matched."""
+    found, last = alike[0], alike[-1]
+    shown = bool(found.keys) and found.unit_why != Match.unit_why
+    by_itself = found.exact or (shown and found.column == found.name)
+    said = () if by_itself else (f"({found.why}: check it)",)
+    more = (f"({found.unit_why})",) if shown else ()
+    names, columns = found.name, found.column
+    if last is not found:
+        names, columns = f"{names} to {last.name}", f"{columns} to {last.column}"
+        said = (f"({len(alike)} columns in the file)", *said)
+    return f"{names} <- {columns}{f' [{found.unit}]' if found.unit else ''}", *said, *more
 
 
 def _say(word: str, *parts: str) -> None:

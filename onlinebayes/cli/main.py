@@ -49,7 +49,7 @@ COMMANDS = {
 }
 
 
-SEARCHING = ("diagnose", "refine", "next")
+BUDGETED = ("compare", "diagnose", "refine", "next")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
-        budget = "[--budget SECONDS] " if name in SEARCHING else ""
+        budget = "[--budget SECONDS] " if name in BUDGETED else ""
         usage = f"onlinebayes {name} [-h] --out DIR {budget}[--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
         command = commands.add_parser(name, help=what, description=what, usage=usage)
         command.add_argument(
@@ -83,12 +83,12 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
         )
-        if name in SEARCHING:
+        if name in BUDGETED:
             command.add_argument(
                 "--budget",
                 type=_seconds,
                 metavar="SECONDS",
-                help="processor time that the search may take; then the best answer so far is given (300)",
+                help="processor time after which the best answer so far is given (300)",
             )
     first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
     first.add_argument("model", help="the model (MJCF)")

@@ -40,7 +40,7 @@ Say = Callable[[str], None]
 Candidates = str | Sequence[str | Effect]
 
 BUDGET_S = 300.0
-"""Seconds of processor time after which a search ends with the best hypothesis so far."""
+"""Seconds of processor time after which a command gives the best answer so far; the base model is always fitted."""
 
 
 def compare(
@@ -53,6 +53,7 @@ def compare(
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
     memo: Memo | None = None,
+    budget_s: float | None = BUDGET_S,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried.
 
@@ -67,6 +68,8 @@ def compare(
         progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
         interrupt: ends the work at its next replay.
         memo: keeps fits, so that the next command on this model and log does not work them out again; None for none.
+        budget_s: processor time [s] after which the best answer so far is given; None for no end. The base model is
+            fitted, whatever that takes.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
@@ -74,7 +77,7 @@ def compare(
     """
     with one_torch_thread():
         stopwatch, task = _asked(simulator, measurement, holdout, selection, scope, progress, interrupt)
-        return _answered("compare", task, (), 0, stopwatch, interrupt, None, memo)
+        return _answered("compare", task, (), 0, stopwatch, interrupt, budget_s, memo)
 
 
 def diagnose(
@@ -95,7 +98,6 @@ def diagnose(
     Args:
         candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
         interrupt: stops the search at its next replay; what was found until then is returned.
-        budget_s: processor time [s] after which the search ends with what it has; None for no end.
 
     Raises:
         BadInput, Stopped: as :func:`compare`.
@@ -175,10 +177,11 @@ def _answered(
 
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
+    watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     task, search = _begun(task, Watch(stopwatch, interrupt), memo)
+    watch.say(_provisional(search))
     if faults and (lost := unskilled(search.base, search.evaluator)):
         check_driven(task.fit_runs, lost)
-    watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
     answers = _answers(task, search, candidates, most, watch, attempts, faults)
     stopped, spent = watch.stopped, watch.spent
@@ -206,6 +209,14 @@ def _begun(task: PreparedLog, watch: Watch, memo: Memo | None) -> tuple[Prepared
             raise
         problem = f"the model cannot follow the log as it is read, and could with another unit ({unit.says})"
         raise BadInput(problem, f"if that is so, give each of them scale = {unit.factor:.9g} in [signals]") from error
+
+
+def _provisional(search: Search) -> str:
+    """A first answer, while everything else is still to be looked at."""
+    times, signal = search.base.left_out[0].rms.max(0)
+    columns = search.evaluator.windows.columns
+    name = search.evaluator.given.signals[columns[int(signal)]]
+    return f"so far: the model as it is errs by {float(times):.2g} times the noise in {name}."
 
 
 def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from onlinebayes.criticism import BUDGET_S, Criticism, Question, compare, diagnose, refine
 from onlinebayes.problems.problem_file import ProblemFile, read_toml
@@ -32,24 +34,17 @@ def _criticised(question: Question, problem: ProblemFile, budget_s: float) -> Cr
     memo = users_memo()
     stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
     with Interrupt(stopping) as interrupt, Stages() as say:
-        if question == "compare":
-            return compare(
-                model,
-                data,
-                holdout=problem.holdout,
-                selection=how,
-                scope=problem.scope,
-                progress=say,
-                interrupt=interrupt,
-                memo=memo,
-            )
-        return {"diagnose": diagnose, "refine": refine}[question](
+        asked: dict[Question, Callable[..., Criticism]] = {
+            "compare": compare,
+            "diagnose": partial(diagnose, candidates=problem.candidates),
+            "refine": partial(refine, candidates=problem.candidates),
+        }
+        return asked[question](
             model,
             data,
             holdout=problem.holdout,
             selection=how,
             scope=problem.scope,
-            candidates=problem.candidates,
             progress=say,
             interrupt=interrupt,
             memo=memo,

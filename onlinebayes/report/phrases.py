@@ -20,7 +20,9 @@ def plain(effect: str) -> str:
 
 
 def _spoken(name: str) -> str:
-    """``stribeck_friction`` -> ``Stribeck friction``."""
+    """``stribeck_friction`` -> ``Stribeck friction``; the address of a number stays as the model has it."""
+    if "." in name:
+        return name
     return name.replace("_", " ").replace("stribeck", "Stribeck").replace("back emf", "back-EMF")
 
 

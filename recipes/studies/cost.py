@@ -5,6 +5,8 @@
 | arm        | two links, 40 s at 200 Hz, dry friction hidden in the elbow: ``refine``                       |
 | long log   | the same arm, 500 s at 200 Hz, 100 000 rows: ``refine``                                      |
 | six joints | six joints under feedback, 60 s at 200 Hz, dry friction hidden in joint 2: ``compare``, ``refine`` |
+| next       | the arm, six runs of 10 s: ``next``, the search before it and the plan                        |
+| anytime    | the arm and the six joints: ``refine --budget`` for some seconds, and the held-out error then |
 | growth     | the arm's ``diagnose`` with 1, 2 and 4 times the data, and with a quarter, half and all candidates |
 
 Growth is the slope of log t against log size, the start-up (the same command on a second of data) taken off: 1 is
@@ -25,7 +27,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -34,10 +36,15 @@ from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable, cores
 from recipes.studies.jobs import NOTHING_KEPT
 
-Part = Literal["arm", "long log", "growth", "six joints"]
+Part = Literal["arm", "long log", "growth", "six joints", "next", "anytime"]
 MEMORY = 4.0  # GB
 WALL = 0.65
+BUDGETS = (10, 30, 60, 300)
+"""Processor time after which a search is asked for what it has [s]."""
+
 SEED = 0
+REPORTS = {"next": "next.json"}
+"""The file in which a command says its answer, where it is not report.json."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class Study:
         results: folder of the table.
     """
 
-    parts: tuple[Part, ...] = ("arm", "long log", "growth", "six joints")
+    parts: tuple[Part, ...] = get_args(Part)
     results: Path = Path("docs/results")
 
 
@@ -82,14 +89,15 @@ def problem(rig: Rig, effect: str, folder: Path) -> Path:
     return write_case(sized_case(rig, hidden, 1.0, SEED), folder)
 
 
-def spent(command: str, problem_file: Path) -> Cost:
-    """Run ``onlinebayes COMMAND`` on it.
+def spent(command: str, problem_file: Path, budget: float | None = None) -> Cost:
+    """Run ``onlinebayes COMMAND`` on it, within so much processor time of the search [s].
 
     Raises:
         BadInput: the command fails.
     """
     out = problem_file.parent / command
     words = [sys.executable, "-m", "onlinebayes.cli.main", command, str(problem_file), "--out", str(out)]
+    words += [] if budget is None else ["--budget", str(budget)]
     began = time.monotonic()
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=NOTHING_KEPT)
     assert process.stderr is not None
@@ -101,7 +109,7 @@ def spent(command: str, problem_file: Path) -> Cost:
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise BadInput(f"onlinebayes {command} {problem_file} ended with {process.returncode}", "run it by hand")
-    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    report = json.loads((out / REPORTS.get(command, "report.json")).read_text(encoding="utf-8"))
     return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024**2, report)
 
 
@@ -136,8 +144,31 @@ def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
     held = share <= WALL if cores() == 2 else None
     results.add(f"{name}, wall over processor time", share, goal=f"at most {WALL:g} on two cores", holds=held)
     results.add(f"{name}, memory", cost.memory, unit="GB", goal=f"under {MEMORY:g}", holds=cost.memory < MEMORY)
-    named = ", ".join(cost.report["accepted"]) or "nothing"
-    results.add(f"{name}, what it named", named)
+    if "accepted" in cost.report:
+        results.add(f"{name}, what it named", ", ".join(cost.report["accepted"]) or "nothing")
+
+
+def plan(results: ResultTable, folder: Path) -> None:
+    """The next recording, after six runs of 10 s."""
+    file = problem(lengthened(RIGS["two_link_arm"], 6, 10.0), "dry_friction@elbow", folder / "plan")
+    add(results, "two-link arm, six runs of 10 s at 200 Hz, next", spent("next", file), 60.0)
+
+
+def anytime(results: ResultTable, folder: Path) -> None:
+    """The held-out error of the answer that a search gives when its budget is spent."""
+    two = problem(lengthened(RIGS["two_link_arm"], 8, 5.0), "dry_friction@elbow", folder / "two")
+    six = problem(lengthened(RIGS["six_joint_arm"], 15, 4.0), "dry_friction@j2", folder / "all")
+    for name, file in (("two-link arm, 40 s at 200 Hz", two), ("six joints, 60 s at 200 Hz", six)):
+        for budget in BUDGETS:
+            cost = spent("refine", file, budget)
+            error = cost.report["heldout_error"]
+            worst = max(error["after"], key=lambda signal: error["before"][signal] / error["noise_floor"][signal])
+            named = ", ".join(cost.report["accepted"]) or "nothing"
+            results.add(
+                f"{name}, budget {budget} s: held-out error of {worst}, before and after",
+                f"{error['before'][worst]:.3g}, {error['after'][worst]:.3g}",
+                spread=f"named {named}; {cost.processor:.0f} s of processor time in all",
+            )
 
 
 def growth(results: ResultTable, folder: Path) -> None:
@@ -178,7 +209,14 @@ def add_slope(results: ResultTable, name: str, sizes: Sequence[float], times: Se
 
 def main(study: Study) -> None:
     """Time the parts and write the table."""
-    parts = {"arm": arm, "long log": long_log, "growth": growth, "six joints": six_joints}
+    parts = {
+        "arm": arm,
+        "long log": long_log,
+        "growth": growth,
+        "six joints": six_joints,
+        "next": plan,
+        "anytime": anytime,
+    }
     some = "" if set(study.parts) == set(parts) else f" ({', '.join(study.parts)})"
     results = ResultTable("cost", f"make cost{some}", [SEED])
     with tempfile.TemporaryDirectory() as folder:

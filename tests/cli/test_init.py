@@ -261,8 +261,28 @@ def test_a_name_stays_a_name(folder, capsys, place: str) -> None:
     if status == 0:
         content = tomllib.loads((folder / "first.toml").read_text())
         assert "effects" not in content
-        assert all(line.startswith(("matched:", "missing:", "unused:", "wrote:")) for line in said.splitlines())
+        words = ("onlinebayes: asking", "matched:", "missing:", "unused:", "wrote:")
+        assert all(line.startswith(words) for line in said.splitlines())
     assert status in (0, 2)
+
+
+def test_many_columns_alike_are_said_in_one_line(tmp_path, capsys) -> None:
+    count = 10
+    link = '<body pos=".2 0 0"><joint name="j{0}" axis="0 1 0"/><geom size=".05"/>{1}</body>'
+    tree = ""
+    for k in reversed(range(count)):
+        tree = link.format(k, tree)
+    motors = "".join(f'<motor name="m{k}" joint="j{k}"/>' for k in range(count))
+    text = f"<mujoco><worldbody>{tree}</worldbody><actuator>{motors}</actuator></mujoco>"
+    (tmp_path / "arm.xml").write_text(text)
+    header = ",".join(["time", *(f"q_{k}" for k in range(count)), *(f"tau_{k}" for k in range(count))])
+    rows = "\n".join(f"{0.01 * row}" + ",0" * 2 * count for row in range(50))
+    (tmp_path / "log.csv").write_text(f"{header}\n{rows}\n")
+    arguments = ["init", str(tmp_path / "arm.xml"), str(tmp_path / "log.csv"), "--out", str(tmp_path / "p.toml")]
+    assert main(arguments) == 0
+    matched = [line for line in capsys.readouterr().out.splitlines() if line.startswith("matched:")]
+    assert len(matched) == 2
+    assert "qpos.j0 to qpos.j9 <- q_0 to q_9" in matched[0]
 
 
 def test_a_link_is_not_written_through(folder, capsys) -> None:

@@ -103,7 +103,9 @@ def test_a_budget_reaches_the_search_and_nonsense_is_refused(folder, capsys, mon
         capsys.readouterr()
         assert main(arguments("refine", folder, f"--budget={wrong}")) == 2
         assert f"{wrong} is no time: give seconds above 0" in capsys.readouterr().err
-    assert main(arguments("compare", folder, "--budget", "40")) == 2
+    assert main(arguments("compare", folder, "--budget", "20")) == 0
+    assert given[-1] == 20.0
+    assert main(["posterior", str(folder / "carriage.toml"), "--out", str(folder / "p"), "--budget", "20"]) == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -225,8 +225,8 @@ def _base(given: Identifiable, fit_runs: Measurement, watch: Watch, memo: Memo) 
     ]
     again = evaluator.evaluate(FitRequest(Hypothesis(), [{}, *added], wanted=base.fitted.score))
     best = better(again, base) or base
-    if best is base:
-        return evaluator, base
+    if best is base or not begun.lost:
+        return evaluator, best
     # From there the model may follow the log for longer.
     begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo, best.values)
     if begun.windows.horizon <= evaluator.windows.horizon:

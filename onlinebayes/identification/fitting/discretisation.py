@@ -1,12 +1,14 @@
 """The choice of a model's integration: the cheapest way whose error no judgement can notice.
 
-    values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal
+    values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal,
+                   and steps at least twice as long do not diverge
     derivatives:   |c - c_fine| < |c_fine| / 20                                                   of every column
 
-Derivatives lead a fit and need not be as good as what it is judged by: where four evaluations a step are needed for
-the values, one is enough for them. A method of first order errs by half a step's delay, which passes for a late sensor
-or a slow drive; friction that sticks errs by more than what is smooth, so that the question is asked anew for what is
-added.
+Derivatives lead a fit and need not be as good as what it is judged by: where four evaluations a step are needed for the
+values, one is enough for them. A method of first order errs by half a step's delay, which passes for a late sensor or a
+slow drive. A method that is at the end of its stability is fine where it was asked, and diverges once theta has moved;
+the model's own step is its user's choice. Friction that sticks errs by more than what is smooth, so that the question
+is asked anew for what is added.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ EVALUATIONS = 4
 ALIKE = 0.05
 """Share of a derivative by which a cheaper one may differ from it: a fit's steps are as good, to a twentieth."""
 
+MARGIN = 2.0
+"""Times that a step could be longer without diverging: the stiffness of a machine is known to some tens of percent."""
 
 FEW = 15
 """Windows over which the finest way is played: its error hardly differs between them, and it is the dearest of all."""
@@ -131,9 +135,17 @@ def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integratio
     admissible = _admissible(fitted, windows)
     for way in ways(given, windows.step):
         shown = _replayed(way, given, fitted, windows)
-        if shown is not None and bool((_moved(fitted, windows, exact - shown) < admissible).all()):
+        if shown is None or not bool((_moved(fitted, windows, exact - shown) < admissible).all()):
+            continue
+        if way == Integration(given.timestep) or _stable(way, given, fitted, windows):
             return way
     return best
+
+
+def _stable(way: Integration, given: Identifiable, fitted: Fitted, windows: Windows) -> bool:
+    """Check whether steps at least twice as long do not diverge either; where a row is no longer, nothing is asked."""
+    fewer = int(windows.step / way.timestep / MARGIN + 1e-6)
+    return fewer < 1 or _replayed(replace(way, timestep=windows.step / fewer), given, fitted, windows) is not None
 
 
 def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Integration) -> Integration:

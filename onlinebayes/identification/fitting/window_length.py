@@ -64,18 +64,25 @@ LARGEST_GROWTH = 5.0
 
 @dataclass(frozen=True)
 class BaseFit:
-    """Windows, the way in which the base model is integrated over them, and the model fitted so."""
+    """The base model on the longest windows that it can follow.
+
+    Args:
+        windows: on which it was fitted.
+        discretisation: the way in which it was integrated over them.
+        fitted: the model.
+        lost: whether longer ones were refused because it errs too much over them; else the runs hold no more.
+    """
 
     windows: Windows
     discretisation: Discretisation
     fitted: Fitted
+    lost: bool = False
 
     @property
     def kept(self) -> Kept:
         """For a memo."""
-        text = json.dumps(
-            {"horizon": self.windows.horizon, **{k: vars(v) for k, v in vars(self.discretisation).items()}}
-        )
+        ways = {name: vars(way) for name, way in vars(self.discretisation).items()}
+        text = json.dumps({"horizon": self.windows.horizon, "lost": self.lost, **ways})
         return replace(self.fitted.lin.kept, text=text)
 
 
@@ -114,7 +121,7 @@ def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tenso
     way = Discretisation(Integration(**values), Integration(**derivatives))
     windows = windows_of(given, measurement, horizon, noise, way.values)
     simulator, rough = way.values.of(given), way.derivatives.of(given)
-    return BaseFit(windows, way, weighed(simulator, rough, windows, Linearisation.of(kept)))
+    return BaseFit(windows, way, weighed(simulator, rough, windows, Linearisation.of(kept)), told["lost"])
 
 
 def _fit_base(
@@ -125,24 +132,24 @@ def _fit_base(
     own = Integration(given.timestep)
     first = _fitted(given, measurement, noise, horizon, Discretisation(own, own), begun)
     best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows), begun)
-    while horizon < max(measurement.durations):
+    lost = False
+    while horizon < max(measurement.durations) and not lost:
         horizon *= 2
         try:
             longer = _fitted(given, measurement, noise, horizon, best)
         except Stopped:
             raise
         except BadInput:
+            lost = True
             break
-        if (
-            longer.windows.count < FEWEST_WINDOWS
-            or longer.windows.rows <= best.windows.rows
-            or not follows(longer, FAR if shows_nothing(best) else LOST)
-        ):
+        if longer.windows.count < FEWEST_WINDOWS or longer.windows.rows <= best.windows.rows:
             break
-        best = longer
+        lost = not follows(longer, FAR if shows_nothing(best) else LOST)
+        best = best if lost else longer
     fitted, way = best.fitted, best.discretisation.values
     windows = windows_of(given, measurement, best.windows.horizon, noise, way)
-    return replace(best, windows=windows, fitted=fit(fitted.simulator, windows, fitted.theta, rough=fitted.rough))
+    anew = fit(fitted.simulator, windows, fitted.theta, rough=fitted.rough)
+    return BaseFit(windows, best.discretisation, anew, lost)
 
 
 def _fitted(

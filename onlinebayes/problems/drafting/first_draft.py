@@ -8,7 +8,7 @@ What could not be matched stands in the file as a comment; with everything match
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,8 +52,8 @@ class Draft:
     untied: tuple[str, ...] = ()
 
 
-def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
-    """The problem file for a model and its logs, to stand at ``target``."""
+def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], None] = lambda _line: None) -> Draft:
+    """The problem file for a model and its logs, to stand at ``target``; ``say`` takes a line when the slow part begins."""
     if not model.is_file():
         raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
     simulator = MujocoSimulator(model, threads=1)
@@ -63,6 +63,7 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     measurement = measurement_of(simulator, opened, made.matches, made.unused) if ready else None
     if measurement is None:
         check_rows(opened.sources, made.matches)
+    say("asking the logs which parameters they tell apart")
     parameters = free_parameters(simulator, measurement and completed(simulator, measurement)[0])
     tables = [_relative(log, target) for log in logs]
     foreign = made.unused if simulator.model.nu else [name for name in made.unused if not name.startswith("ctrl.")]

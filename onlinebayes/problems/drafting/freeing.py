@@ -24,7 +24,7 @@ import numpy as np
 import torch
 
 from onlinebayes.criticism import target_scales
-from onlinebayes.identification import charted, linearise, make_windows, project
+from onlinebayes.identification import Windows, charted, linearise, make_windows, project
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.problems.drafting.actuator_inputs import actuator_inputs
@@ -37,7 +37,9 @@ SERVO = 10.0
 """A servo's kp may be so many times smaller: few makers give one, and firmware has units of its own."""
 STOP = 10.0  # [1/s]
 OWN = 0.01
-MOST_WINDOWS = 12
+MOST_WINDOWS, FEWEST_WINDOWS = 12, 3
+MOST_COLUMNS = 240
+"""Windows times parameters of which sensitivities are asked: many joints show what they show in few windows."""
 UPRIGHT = 0.99
 """Cosine between a hinge's axis and gravity, from which on the axis is vertical."""
 
@@ -55,7 +57,7 @@ def free_parameters(model: MujocoSimulator, measurement: Measurement | None = No
             windows = make_windows(simulator, turned, 1.0)
             scales = {joint: target_scales(simulator, windows, "joint", joint) for joint in simulator.targets("joint")}
             proposed = _proposed(model.model, {joint: scale.force / scale.speed for joint, scale in scales.items()})
-            return proposed.subspace(_without_scale(_distinct(model, proposed, measurement)))
+            return proposed.subspace(_without_scale(_distinct(model, proposed, measurement, windows)))
         except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
             pass
     proposed = _proposed(model.model, {})
@@ -139,11 +141,13 @@ def _without_scale(chosen: Sequence[str]) -> list[str]:
     return [name for name in chosen if not (inertial and ".gear[" in name)]
 
 
-def _distinct(model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement) -> list[str]:
+def _distinct(
+    model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement, windows: Windows
+) -> list[str]:
     """Those whose sensitivity no combination of earlier ones gives."""
-    free, measurement = charted(MujocoSimulator(model.spec, proposed, threads=1), measurement)
-    windows = make_windows(free, measurement, 1.0)
-    windows = windows.select(torch.arange(windows.count)[:: -(-windows.count // MOST_WINDOWS)])
+    free, _ = charted(MujocoSimulator(model.spec, proposed, threads=1), measurement)
+    most = min(MOST_WINDOWS, max(FEWEST_WINDOWS, MOST_COLUMNS // max(len(proposed), 1)))
+    windows = windows.select(torch.arange(windows.count)[:: -(-windows.count // most)])
     lin = linearise(free, windows, proposed.clamp(free.nominal), windows.start)
     if not lin.valid:
         raise BadInput("the simulation diverges at the model's own values", "give the model a finer timestep")
