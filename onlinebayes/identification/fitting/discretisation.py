@@ -1,7 +1,7 @@
 """The choice of a model's integration: the cheapest way whose error no judgement can notice.
 
     values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal,
-                   and steps at least twice as long do not diverge
+                   and steps half as long again do not diverge
     derivatives:   |c - c_fine| < |c_fine| / 20                                                   of every column
 
 Derivatives lead a fit and need not be as good as what it is judged by: where four evaluations a step are needed for the
@@ -39,7 +39,7 @@ EVALUATIONS = 4
 ALIKE = 0.05
 """Share of a derivative by which a cheaper one may differ from it: a fit's steps are as good, to a twentieth."""
 
-MARGIN = 2.0
+MARGIN = 1.5
 """Times that a step could be longer without diverging: the stiffness of a machine is known to some tens of percent."""
 
 FEW = 15
@@ -143,7 +143,7 @@ def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integratio
 
 
 def _stable(way: Integration, given: Identifiable, fitted: Fitted, windows: Windows) -> bool:
-    """Check whether steps at least twice as long do not diverge either; where a row is no longer, nothing is asked."""
+    """Check whether steps half as long again do not diverge either; where a row is no longer, nothing is asked."""
     fewer = int(windows.step / way.timestep / MARGIN + 1e-6)
     return fewer < 1 or _replayed(replace(way, timestep=windows.step / fewer), given, fitted, windows) is not None
 
