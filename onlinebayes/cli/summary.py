@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from onlinebayes.criticism import Criticism
-from onlinebayes.report import first_screen, left_out, words
+from onlinebayes.report import first_screen, left_out, lost, words
 
 WIDTH = 80
 
@@ -32,7 +32,8 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     lines += _noted(result.notes)
     if more:
         lines += _wrapped(words.put_right(result))
-        lines += _wrapped(words.left_out(left_out(result), more), others=" " * 11)
+        lines += _wrapped(words.left_out(left_out(result), more, lost(result)), others=" " * 11)
+        lines += _wrapped(words.file_error(result, more), others=" " * 11)
     files = ", ".join((str(folder / "report.html"), *more))
     return "\n".join([*lines, *_labelled("report", f"{files}; to open: onlinebayes show {folder}")])
 

@@ -13,6 +13,7 @@ from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.delays import ahead_of_commands, located_delays
 from onlinebayes.criticism.findings.doubts import doubts
+from onlinebayes.criticism.findings.file_error import error_of_file
 from onlinebayes.criticism.findings.fleets import fleets_of
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
@@ -145,6 +146,7 @@ def answered(
             nothing,
         ),
         heldout_error=error,
+        file_error=_file_error(question, final_model, held, error, attempts) if fault is None else {},
         steps=made("the steps of the search", lambda: steps(explanation), ()),
         candidates=candidates,
         candidates_tried=len(candidates),
@@ -172,6 +174,7 @@ def answered(
         read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
         delays=delays,
+        given=task.given,
         explanation=explanation,
     )
 
@@ -250,6 +253,16 @@ def _held_out(
             return evaluate_held_out(base, final, held, tuple(units), units)
     unknown = dict.fromkeys(units, math.nan)
     return HeldOutError(unknown, unknown, unknown, unknown), Detail()
+
+
+def _file_error(
+    question: Question, final: FittedModel, held: Windows | None, error: HeldOutError, attempts: Attempts
+) -> Mapping[str, float]:
+    """The same error of the model as a file of its engine holds it; empty where no file is written."""
+    nothing: Mapping[str, float] = {}
+    if question != "refine" or held is None:
+        return nothing
+    return attempts.made("the error of refined.xml", lambda: error_of_file(final, held, error.after), nothing)
 
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:

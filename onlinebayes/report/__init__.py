@@ -4,11 +4,12 @@ The sentences of a report are in ``words``, ``candidate_words`` and ``plan_words
 """
 
 from onlinebayes.report import candidate_words, plan_words, words
+from onlinebayes.report.model_files import left_out, lost
 from onlinebayes.report.picture import write_picture
 from onlinebayes.report.plan import FILES as PLAN_FILES
 from onlinebayes.report.plan import write_plan
 from onlinebayes.report.refined import FILES as REFINED_FILES
-from onlinebayes.report.refined import left_out, noted
+from onlinebayes.report.refined import noted
 from onlinebayes.report.screen_lines import first_screen
 from onlinebayes.report.style import stylesheet
 from onlinebayes.report.svg import Curve, Panel, chart
@@ -26,6 +27,7 @@ __all__ = [
     "chart",
     "first_screen",
     "left_out",
+    "lost",
     "noted",
     "plan_words",
     "stylesheet",

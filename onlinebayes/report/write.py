@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +9,9 @@ from onlinebayes.criticism import Criticism, next_unit
 from onlinebayes.inference import saving
 from onlinebayes.report.html import to_html
 from onlinebayes.report.json import to_json
+from onlinebayes.report.model_files import left_out, lost
 from onlinebayes.report.recording import write_recording
-from onlinebayes.report.refined import left_out, noted, write_refined
+from onlinebayes.report.refined import noted, write_refined
 from onlinebayes.runs import Attempts, together, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")
@@ -60,10 +60,11 @@ def write_report(
 def _write(result: Criticism, folder: Path, title: str, problem: str | Path | None, noting: Attempts) -> list[str]:
     result = noting.made("a note on refined.xml", lambda: noted(result), result)
     refined = write_refined(result, folder, problem, noting) if result.command == "refine" else ()
-    lacking: Mapping[str, str] = {}
+    lacking, missing = dict[str, str](), dict[str, str]()
     with noting.attempt("what refined.xml lacks"):
-        lacking = left_out(result) if "refined.xml" in refined else {}
-    page = to_html(result, title=title, refined=refined, left_out=lacking, attempts=noting)
+        if "refined.xml" in refined:
+            lacking, missing = dict(left_out(result)), dict(lost(result))
+    page = to_html(result, title=title, refined=refined, left_out=lacking, lost=missing, attempts=noting)
     written = list(refined)
     if result.fleet:
         with noting.attempt(NEXT_UNIT):

@@ -17,6 +17,8 @@ import numpy as np
 from onlinebayes.simulators.standalone.drive import Drive
 from onlinebayes.simulators.standalone.law import Law, Seen, Servo, clip
 
+Row = Sequence[float] | np.ndarray
+
 KINDS = ("command", "actuator", "joint", "signal")
 """What a law acts on: an actuator's command or force, a joint, a sensor's signal."""
 
@@ -118,7 +120,7 @@ class StandaloneModel:
         self.own = [field.copy() for field in (self.model.dof_frictionloss, self.model.dof_armature, self.model.dof_M0)]
         self.reset()
 
-    def reset(self, qpos: Sequence[float] | None = None, qvel: Sequence[float] | None = None) -> dict[str, float]:
+    def reset(self, qpos: Row | None = None, qvel: Row | None = None) -> dict[str, float]:
         """Begin anew, with all laws at rest and no command before; returns the signals.
 
         Args:
@@ -134,7 +136,7 @@ class StandaloneModel:
         self.start, self.begun = self.motion(), False
         return self.shown(self.start.copy())
 
-    def step(self, ctrl: Sequence[float], steps: int = 1) -> dict[str, float]:
+    def step(self, ctrl: Row, steps: int = 1) -> dict[str, float]:
         """Advance by some timesteps under one command; returns the signals as the sensors show them.
 
         Args:

@@ -65,7 +65,11 @@ def module_text(setup: Setup, file: str, head: str) -> str:
     kinds = dict.fromkeys(type(law) for _, _, _, law in setup.laws)
     parts = [_source(part) for part in (laws.Servo, laws.Seen, Law, laws.clip, laws.sign, laws.gauss, Drive)]
     parts += [_source(kind) for kind in kinds]
-    parts += [f"KINDS = {KINDS!r}", *(_source(part) for part in (Setup, Place, StandaloneModel))]
+    parts += [
+        "Row = Sequence[float] | np.ndarray",
+        f"KINDS = {KINDS!r}",
+        *(_source(part) for part in (Setup, Place, StandaloneModel)),
+    ]
     plain = head.replace("\\", "/").replace('"""', "'''")
     return PAGE.format(
         head="\n".join(textwrap.wrap(plain, WIDTH, break_long_words=False)),
