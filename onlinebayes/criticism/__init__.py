@@ -19,6 +19,7 @@ from onlinebayes.criticism.hypotheses.explanation import (
     explanation_of,
     flexible,
 )
+from onlinebayes.criticism.hypotheses.kept_fit import kept_fit
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.hypotheses.weighing import MOST_HYPOTHESES
@@ -119,6 +120,7 @@ __all__ = [
     "grown_theta",
     "held_out_errors",
     "held_out_gain",
+    "kept_fit",
     "names_said",
     "next_experiment",
     "next_unit",

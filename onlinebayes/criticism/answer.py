@@ -24,6 +24,7 @@ from onlinebayes.criticism.findings.undetermined import determined
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.explanation import Explanation
+from onlinebayes.criticism.hypotheses.kept_fit import keep_fit
 from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
@@ -102,6 +103,8 @@ def answered(
     error, detail = _held_out(base_model, final_model, held, units, attempts)
     alone: tuple[WeightedModel, ...] = (WeightedModel(1.0, laws(found.hypothesis), final_model),)
     hypotheses = made("weighing the models", lambda: _hypotheses(explanation, task, final_model), alone)
+    if fault is None and explanation.explains:
+        made("keeping what was fitted", lambda: _keep(explanation, task), None)
     verdict: Verdict = "data_problem"
     doubted: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
@@ -177,6 +180,12 @@ def answered(
         given=task.given,
         explanation=explanation,
     )
+
+
+def _keep(explanation: Explanation, task: PreparedLog) -> None:
+    """Keep the fits of what was found and of its rivals for the next command."""
+    for evaluation in (explanation.found, *explanation.rivals):
+        keep_fit(evaluation, explanation.evaluator, task.fit_runs)
 
 
 def _nothing(key: str) -> str:
