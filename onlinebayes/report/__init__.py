@@ -8,6 +8,8 @@ from onlinebayes.report.model_files import left_out, lost
 from onlinebayes.report.picture import write_picture
 from onlinebayes.report.plan import FILES as PLAN_FILES
 from onlinebayes.report.plan import write_plan
+from onlinebayes.report.posterior_page import NAME as POSTERIOR_PAGE
+from onlinebayes.report.posterior_page import write_posterior_page
 from onlinebayes.report.refined import FILES as REFINED_FILES
 from onlinebayes.report.refined import noted
 from onlinebayes.report.screen_lines import first_screen
@@ -19,6 +21,7 @@ from onlinebayes.report.write import NEXT_UNIT, write_report
 __all__ = [
     "NEXT_UNIT",
     "PLAN_FILES",
+    "POSTERIOR_PAGE",
     "REFINED_FILES",
     "REPORT_FILES",
     "Curve",
@@ -34,5 +37,6 @@ __all__ = [
     "words",
     "write_picture",
     "write_plan",
+    "write_posterior_page",
     "write_report",
 ]
