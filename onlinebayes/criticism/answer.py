@@ -178,6 +178,7 @@ def answered(
         hypotheses=hypotheses,
         delays=delays,
         given=task.given,
+        integration=_shown(evaluator, task.simulator, base, found),
         explanation=explanation,
     )
 

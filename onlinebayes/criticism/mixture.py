@@ -91,7 +91,7 @@ def worlds_of(result: Criticism) -> ModelMixture:
         BadInput: the additions of two hypotheses cannot stand beside each other in one simulator.
     """
     believed = result.hypotheses
-    simulator = _with_all(unscoped(result.base.simulator), [one.model for one in believed])
+    simulator = joined(unscoped(result.base.simulator), [one.model.simulator for one in believed])
     parts = [embedded(simulator, one.model) for one in believed]
     return ModelMixture(
         simulator,
@@ -102,9 +102,13 @@ def worlds_of(result: Criticism) -> ModelMixture:
     )
 
 
-def _with_all(simulator: Identifiable, models: Sequence[FittedModel]) -> Identifiable:
-    """The simulator with the effects, the free numbers and the widest bounds of all models."""
-    for model in map(unscoped, (one.simulator for one in models)):
+def joined(simulator: Identifiable, models: Sequence[Identifiable]) -> Identifiable:
+    """The simulator with the effects, the free numbers and the widest bounds of all models.
+
+    Raises:
+        BadInput: the effects of two of them cannot stand beside each other.
+    """
+    for model in map(unscoped, models):
         present = {effect.key for effect in simulator.effects}
         for effect in model.effects:
             if effect.key not in present:

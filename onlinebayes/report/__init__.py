@@ -16,7 +16,7 @@ from onlinebayes.report.screen_lines import first_screen
 from onlinebayes.report.style import stylesheet
 from onlinebayes.report.svg import Curve, Panel, chart
 from onlinebayes.report.write import FILES as REPORT_FILES
-from onlinebayes.report.write import NEXT_UNIT, write_report
+from onlinebayes.report.write import NEXT_UNIT, WORLDS, write_report
 
 __all__ = [
     "NEXT_UNIT",
@@ -24,6 +24,7 @@ __all__ = [
     "POSTERIOR_PAGE",
     "REFINED_FILES",
     "REPORT_FILES",
+    "WORLDS",
     "Curve",
     "Panel",
     "candidate_words",

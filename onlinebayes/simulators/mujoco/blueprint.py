@@ -102,6 +102,10 @@ class Remakable(Identifiable):
         """A new simulator that integrates with another step; see :meth:`Identifiable.with_timestep`."""
         return self._remade(model=with_option(self._blueprint.model, "timestep", timestep), dt=timestep)
 
+    def with_dt(self, dt: float) -> Self:
+        """A new simulator whose step lasts ``dt`` seconds; see :meth:`Integrated.with_dt`."""
+        return self._remade(dt=dt)
+
     def with_runge_kutta(self) -> Self:
         """A new simulator with MuJoCo's RK4; see :meth:`Identifiable.with_runge_kutta`."""
         if self.model.opt.integrator == RK4:
