@@ -19,7 +19,7 @@ from onlinebayes.simulators.effects import EFFECTS, ActuatorDeadZone, ActuatorDe
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.sensing import sense
 from onlinebayes.simulators.standalone import module_text
-from tests.simulators.models import ARM, SLIDE
+from tests.simulators.models import ARM, SLIDE, TUMBLER
 
 SPACE = ParameterSpace({"joint.elbow.damping": Parameter(0.05, 1.0, "N m s/rad")})
 PLACES = {
@@ -87,7 +87,7 @@ def stepped(folder: Path, start: TensorDict, command: Tensor) -> np.ndarray:
     sys.modules["refined_model"] = module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     model = module.RefinedModel()
-    model.reset([9.0] * start["qpos"].shape[1])  # what happened before a reset is forgotten
+    model.reset(0.5 + start["qpos"][0].numpy())  # what happened before a reset is forgotten
     model.step(command[0].numpy(), steps=3)
     model.reset(start["qpos"][0].numpy(), start["qvel"][0].numpy())
     return np.array([list(model.step(u).values()) for u in command.numpy()])
@@ -167,6 +167,22 @@ def test_a_delay_that_would_need_tiny_timesteps_is_left_to_the_module(tmp_path: 
     assert simulator.in_file(theta).simulator.timestep == simulator.timestep
     written(simulator, theta, tmp_path)
     same(stepped(tmp_path, start, command), simulated(simulator, theta, start, command))
+
+
+def test_gears_free_joints_and_actuators_with_activations(tmp_path: Path) -> None:
+    geared = MujocoSimulator(ARM, SPACE, threads=1)
+    for name in ("servo_law", "thermal_derating"):
+        geared = geared.with_effect(EFFECTS[name].scaled("lift", SCALES))
+    geared = geared.with_effect(EFFECTS["load_dependent_stribeck"].scaled("shoulder", SCALES))
+    free = MujocoSimulator(TUMBLER, threads=1)
+    places = {"actuator_dead_zone": "slow", "sensor_delay": "qpos.free.0", "sensor_scale": "qvel.ball.1"}
+    for name, target in places.items():
+        free = free.with_effect(EFFECTS[name].scaled(target, SCALES))
+    for simulator in (geared, free):
+        theta, start, command = drawn(simulator, 2)
+        start = start if simulator is geared else simulator.with_worlds(1).state
+        assert written(simulator, theta, tmp_path) == {}
+        same(stepped(tmp_path, start, command), simulated(simulator, theta, start, command))
 
 
 class Silent(Cogging):
