@@ -135,8 +135,18 @@ def density(
     covariance = slope[:, :, None] * covariance * slope[:, None, :]
     spread = covariance.diagonal(dim1=1, dim2=2)
     least = torch.where(spread < CERTAIN**2, torch.full_like(spread, NEUTRAL**2), CERTAIN**2)
-    roots = torch.linalg.cholesky(covariance + torch.diag_embed(least))
+    roots = _lower(covariance + torch.diag_embed(least))
     return TruncatedMixture(weight.log(), u.detach(), roots, Box.whole(space))
+
+
+def _lower(covariance: Float[Tensor, "K P P"]) -> Float[Tensor, "K P P"]:
+    """Return Cholesky's factors; of what rounding has made indefinite, of the nearest matrix that is not."""
+    roots, failed = torch.linalg.cholesky_ex(covariance)
+    if not bool(failed.any()):
+        return roots
+    values, vectors = torch.linalg.eigh((covariance + covariance.mT) / 2)
+    floor = CERTAIN**2 * values.amax(-1, keepdim=True).clamp_min(1.0)
+    return torch.linalg.cholesky(vectors @ torch.diag_embed(values.maximum(floor)) @ vectors.mT)
 
 
 def embedded(simulator: Simulator, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:

@@ -69,7 +69,7 @@ def _write(result: Criticism, folder: Path, title: str, problem: str | Path | No
             lacking, missing = dict(left_out(result)), dict(lost(result))
     page = to_html(result, title=title, refined=refined, left_out=lacking, lost=missing, attempts=noting)
     written = list(refined)
-    if result.command == "refine" and (opened := _trained_in(result)) is not None:
+    if "refined.toml" in refined and (opened := _trained_in(result)) is not None:
         with noting.attempt(WORLDS):
             saving.save(_belief(opened), folder / WORLDS)
             written.append(WORLDS)
