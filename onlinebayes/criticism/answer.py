@@ -24,7 +24,7 @@ from onlinebayes.criticism.findings.undetermined import determined
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.explanation import Explanation
-from onlinebayes.criticism.hypotheses.kept_fit import keep_fit
+from onlinebayes.criticism.hypotheses.kept_fit import keep_fits
 from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
@@ -101,10 +101,14 @@ def answered(
     stopwatch("opening the held-out runs")
     base_model, final_model, held = _opened(task, explanation, (base_fit, fit), attempts)
     error, detail = _held_out(base_model, final_model, held, units, attempts)
+    no_error: Mapping[str, float] = {}
+    file_error = no_error
+    if question == "refine" and fault is None:
+        file_error = made("the error of refined.xml", lambda: error_of_file(final_model, held, error.after), no_error)
     alone: tuple[WeightedModel, ...] = (WeightedModel(1.0, laws(found.hypothesis), final_model),)
     hypotheses = made("weighing the models", lambda: _hypotheses(explanation, task, final_model), alone)
     if fault is None and explanation.explains:
-        made("keeping what was fitted", lambda: _keep(explanation, task), None)
+        made("keeping what was fitted", lambda: keep_fits(explanation, task.fit_runs), None)
     verdict: Verdict = "data_problem"
     doubted: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
@@ -149,7 +153,7 @@ def answered(
             nothing,
         ),
         heldout_error=error,
-        file_error=_file_error(question, final_model, held, error, attempts) if fault is None else {},
+        file_error=file_error,
         steps=made("the steps of the search", lambda: steps(explanation), ()),
         candidates=candidates,
         candidates_tried=len(candidates),
@@ -181,12 +185,6 @@ def answered(
         integration=_shown(evaluator, task.simulator, base, found),
         explanation=explanation,
     )
-
-
-def _keep(explanation: Explanation, task: PreparedLog) -> None:
-    """Keep the fits of what was found and of its rivals for the next command."""
-    for evaluation in (explanation.found, *explanation.rivals):
-        keep_fit(evaluation, explanation.evaluator, task.fit_runs)
 
 
 def _nothing(key: str) -> str:
@@ -263,16 +261,6 @@ def _held_out(
             return evaluate_held_out(base, final, held, tuple(units), units)
     unknown = dict.fromkeys(units, math.nan)
     return HeldOutError(unknown, unknown, unknown, unknown), Detail()
-
-
-def _file_error(
-    question: Question, final: FittedModel, held: Windows | None, error: HeldOutError, attempts: Attempts
-) -> Mapping[str, float]:
-    """The same error of the model as a file of its engine holds it; empty where no file is written."""
-    nothing: Mapping[str, float] = {}
-    if question != "refine" or held is None:
-        return nothing
-    return attempts.made("the error of refined.xml", lambda: error_of_file(final, held, error.after), nothing)
 
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:

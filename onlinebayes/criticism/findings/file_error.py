@@ -12,20 +12,20 @@ from onlinebayes.identification.results import FittedModel
 from onlinebayes.simulators.identifiable import Identifiable
 
 
-def error_of_file(final: FittedModel, held: Windows, after: Mapping[str, float]) -> dict[str, float]:
+def error_of_file(final: FittedModel, held: Windows | None, after: Mapping[str, float]) -> dict[str, float]:
     """RMS over the held-out windows, each from its best start [the signal's unit]; inf where it diverges.
 
     Args:
         final: the model.
-        held: windows of the held-out runs.
+        held: windows of the held-out runs; None where these could not be replayed.
         after: its own error, which is the file's where that is all of it; signals in the windows' order.
 
     Returns:
-        Signal -> error; empty where the engine has no files.
+        Signal -> error; empty where that is not known, or the engine has no files.
     """
     theta = physical(final.simulator, final.theta)
     found = unwrap(final.simulator).in_file(theta)
-    if found is None or not isinstance(found.simulator, Identifiable):
+    if held is None or found is None or not isinstance(found.simulator, Identifiable):
         return {}
     if not (found.without or found.integrated or isinstance(final.simulator, ScopedSimulator)):
         return dict(after)

@@ -27,14 +27,18 @@ from onlinebayes.runs import Memo, NoDigest, NoMemo, digest
 from onlinebayes.simulators.identifiable import Identifiable
 
 
-def keep_fit(evaluation: Evaluation, evaluator: Evaluator, fit_runs: Measurement) -> None:
-    """Keep a fit in the evaluator's memo, under the simulator that its hypothesis makes; never fails.
+def keep_fits(explanation: Explanation, fit_runs: Measurement) -> None:
+    """Keep the fits of what was found and of its rivals, each under the simulator that its hypothesis makes.
 
     Args:
-        evaluation: of a hypothesis.
-        evaluator: by which it was fitted.
+        explanation: whose evaluator has the memo.
         fit_runs: the runs.
     """
+    for evaluation in (explanation.found, *explanation.rivals):
+        _keep(evaluation, explanation.evaluator, fit_runs)
+
+
+def _keep(evaluation: Evaluation, evaluator: Evaluator, fit_runs: Measurement) -> None:
     windows, ways = evaluator.windows, evaluator.discretisation
     key = _key(build(evaluator.given, evaluation.hypothesis, evaluator.runs), fit_runs)
     if key is None or isinstance(evaluator.memo, NoMemo):
