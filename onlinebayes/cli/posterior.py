@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import json
 import sys
-import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart, writable
+from onlinebayes.cli.summary import labelled
 from onlinebayes.cli.work import title_of
 from onlinebayes.posterior import (
     MOST_MODELS,
-    SHOWN,
     LogPosterior,
+    corner_plots,
     lines,
     names_of,
     posterior_of_log,
@@ -26,13 +26,15 @@ from onlinebayes.posterior import (
     write_posterior,
 )
 from onlinebayes.problems import ProblemFile, load_problem
-from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line, users_memo
+from onlinebayes.report import POSTERIOR_PAGE, write_posterior_page
+from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line, together, users_memo
 
-WIDTH, COLUMN, LINES = 80, 11, 10
+FILES = (*names_of(MOST_MODELS), POSTERIOR_PAGE)
+"""All that the command may write."""
 
 
 def infer_posterior(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
-    """Do it and write posterior.json, belief.json and corner.png; returns the exit status.
+    """Do it and write posterior.json, belief.json, corner.png and posterior.html; returns the exit status.
 
     Args:
         problem_file: path of the TOML file, or of a folder that ``refine`` wrote to.
@@ -48,8 +50,8 @@ def infer_posterior(problem_file: str, out: str, add: Sequence[str] = ()) -> int
     for line in dict.fromkeys(notes):
         _log(line)
     inputs = {path: what for problem in problems for path, what in problem.inputs.items()}
-    check_apart([Path(out) / name for name in names_of(MOST_MODELS)], inputs)
-    with writable(Path(out), names_of(MOST_MODELS)) as folder:
+    check_apart([Path(out) / name for name in FILES], inputs)
+    with writable(Path(out), FILES) as folder:
         try:
             found = [replace(_inferred(one), weight=weight) for one, weight in zip(problems, weights, strict=True)]
         except Stopped:
@@ -57,8 +59,12 @@ def infer_posterior(problem_file: str, out: str, add: Sequence[str] = ()) -> int
             return 130
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
-        names = write_posterior(found, folder, title=title_of(problems[0].path))
-        stale = [folder / name for name in names_of(MOST_MODELS) if name not in names]
+        title = title_of(problems[0].path)
+        pictures = corner_plots(found, title)
+        with together():
+            names = write_posterior(found, folder, title=title, pictures=pictures)
+            names = (*names, write_posterior_page(found, pictures, folder, title=title))
+        stale = [folder / name for name in FILES if name not in names]
         for path in stale:  # of an earlier command that had more models
             path.unlink(missing_ok=True)
     print(summary(found, folder, names))
@@ -106,25 +112,11 @@ def _inferred(problem: ProblemFile) -> LogPosterior:
 
 
 def summary(models: Sequence[LogPosterior], folder: Path, names: Sequence[str]) -> str:
-    """Summarise the posterior of each parameter and how far it can be trusted, in lines of at most 80 columns.
-
-    Of one model ten lines: the parameters that are known best stand in posterior.json where there are too many.
-    """
-    wrote = ("wrote", ", ".join((str(folder / names[-1]), *names[:-1])))
-    if len(models) > 1:
-        return _text([*side_by_side(models), *lines(models[0], 0), wrote])
-    texts = (_text([*lines(models[0], shown), wrote]) for shown in range(SHOWN, -1, -1))
-    return next((text for text in texts if text.count("\n") < LINES), _text([*lines(models[0], 1), wrote]))
-
-
-def _text(told: Sequence[tuple[str, str]]) -> str:
-    return "\n".join(_wrapped(label and f"{label}:", text) for label, text in told)
-
-
-def _wrapped(label: str, text: str) -> str:
-    """A label in a column of its own, the text beside it; paths and names stay whole."""
-    wrapped = textwrap.wrap(text, WIDTH - COLUMN, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(f"{label if k == 0 else '':<{COLUMN}}{line}" for k, line in enumerate(wrapped))
+    """Say what is known of every parameter and how far it can be trusted, in lines of at most 80 columns."""
+    page, *others = (str(folder / names[-1]), *names[:-1])
+    told = lines(models[0]) if len(models) == 1 else side_by_side(models)
+    wrote = ("wrote", f"{', '.join((page, *others))}; to open: onlinebayes show {folder}")
+    return "\n".join(line for label, text in (*told, wrote) for line in labelled(label, text))
 
 
 def _log(line: str) -> None:

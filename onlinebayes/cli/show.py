@@ -17,8 +17,8 @@ from pathlib import Path
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.recordings import copy_whole, whole_bytes
 
-PAGES = {"report.html": "report", "run.html": "page"}
-"""Of criticism, and of a training run."""
+PAGES = {"report.html": "report", "posterior.html": "posterior", "next.html": "plan", "run.html": "page"}
+"""Of criticism, of a posterior, of a recording to make, and of a training run."""
 RECORDINGS = "run*.rrd"
 """A training run that went on after a stop has several; the viewer shows them as one."""
 CONTENTS = {
@@ -27,6 +27,8 @@ CONTENTS = {
     "tensorboard": "the same curves for TensorBoard",
     "checkpoint-*": "all that the run needs to go on",
     "report.json": "all figures of the report",
+    "posterior.json": "all figures of the posterior",
+    "belief*.json": "the distribution, to draw from and to train in",
 }
 """The other files that a folder may hold -> their contents."""
 
@@ -48,7 +50,7 @@ def show(folder: str | Path, *, html: bool = False) -> None:
     recordings = sorted(filter(Path.is_file, folder.glob(RECORDINGS)), key=lambda path: (len(path.name), path.name))
     if not pages and (html or not recordings):
         raise BadInput(
-            f"holds no {' and no '.join(PAGES)}", "name the folder given to --out, or a run's", where=str(folder)
+            f"holds none of {', '.join(PAGES)}", "name the folder given to --out, or a run's", where=str(folder)
         )
     screen = has_screen()
     for name, page in pages:

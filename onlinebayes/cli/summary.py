@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from onlinebayes.criticism import Criticism
-from onlinebayes.report import first_screen, left_out, words
+from onlinebayes.report import first_screen, left_out, lost, words
 
 WIDTH = 80
 
@@ -24,28 +24,29 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     by_hand = result.final.effects
     tried = f"with {', '.join(by_hand)} added by hand" if by_hand else "no effect was tried"
     asked = f" ({tried})" if result.only_compared else ""
-    lines = _labelled("verdict", f"{result.verdict}{asked}")
+    lines = labelled("verdict", f"{result.verdict}{asked}")
     lines += _wrapped(words.headline(result), " " * 11, " " * 11)
     for label, text in first_screen(result):
-        lines += _labelled(label, text)
+        lines += labelled(label, text)
     lines += _to_write(result)
     lines += _noted(result.notes)
     if more:
         lines += _wrapped(words.put_right(result))
-        lines += _wrapped(words.left_out(left_out(result), more), others=" " * 11)
+        lines += _wrapped(words.left_out(left_out(result), more, lost(result)), others=" " * 11)
+        lines += _wrapped(words.file_error(result, more), others=" " * 11)
     files = ", ".join((str(folder / "report.html"), *more))
-    return "\n".join([*lines, *_labelled("report", f"{files}; to open: onlinebayes show {folder}")])
+    return "\n".join([*lines, *labelled("report", f"{files}; to open: onlinebayes show {folder}")])
 
 
 def _to_write(result: Criticism) -> Iterator[str]:
     """Show the lines that have to be written into the problem file, with the reason."""
     if result.wiring:
-        yield from _labelled("wiring", words.wiring(result))
+        yield from labelled("wiring", words.wiring(result))
         yield from _block(result.wiring.lines)
     for sentence in words.bounds(result):
-        yield from _labelled("bounds", sentence)
+        yield from labelled("bounds", sentence)
     for sentence, change in zip(words.changes(result), result.changes, strict=True):
-        yield from _labelled("change", sentence)
+        yield from labelled("change", sentence)
         yield from _block(change.lines)
 
 
@@ -60,10 +61,10 @@ def _noted(notes: Sequence[str]) -> list[str]:
         return []
     rest = len(notes) - 1
     others = f" ({rest} more note{'s' if rest > 1 else ''} in the report)" if rest else ""
-    return _labelled("note", f"{notes[0]}{others}")
+    return labelled("note", f"{notes[0]}{others}")
 
 
-def _labelled(label: str, text: str) -> list[str]:
+def labelled(label: str, text: str) -> list[str]:
     """``label:`` in a column of its own, the text beside it wrapped."""
     return _wrapped(text, f"{label and label + ':':<11}", " " * 11)
 

@@ -19,10 +19,11 @@ from onlinebayes.criticism.hypotheses.explanation import (
     explanation_of,
     flexible,
 )
+from onlinebayes.criticism.hypotheses.kept_fit import kept_fit
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.hypotheses.weighing import MOST_HYPOTHESES
-from onlinebayes.criticism.mixture import ModelMixture, worlds_of
+from onlinebayes.criticism.mixture import ModelMixture, joined, worlds_of
 from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
@@ -119,6 +120,8 @@ __all__ = [
     "grown_theta",
     "held_out_errors",
     "held_out_gain",
+    "joined",
+    "kept_fit",
     "names_said",
     "next_experiment",
     "next_unit",

@@ -13,6 +13,7 @@ from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.delays import ahead_of_commands, located_delays
 from onlinebayes.criticism.findings.doubts import doubts
+from onlinebayes.criticism.findings.file_error import error_of_file
 from onlinebayes.criticism.findings.fleets import fleets_of
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
@@ -23,6 +24,7 @@ from onlinebayes.criticism.findings.undetermined import determined
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.explanation import Explanation
+from onlinebayes.criticism.hypotheses.kept_fit import keep_fits
 from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
@@ -99,8 +101,14 @@ def answered(
     stopwatch("opening the held-out runs")
     base_model, final_model, held = _opened(task, explanation, (base_fit, fit), attempts)
     error, detail = _held_out(base_model, final_model, held, units, attempts)
+    no_error: Mapping[str, float] = {}
+    file_error = no_error
+    if question == "refine" and fault is None:
+        file_error = made("the error of refined.xml", lambda: error_of_file(final_model, held, error.after), no_error)
     alone: tuple[WeightedModel, ...] = (WeightedModel(1.0, laws(found.hypothesis), final_model),)
     hypotheses = made("weighing the models", lambda: _hypotheses(explanation, task, final_model), alone)
+    if fault is None and explanation.explains:
+        made("keeping what was fitted", lambda: keep_fits(explanation, task.fit_runs), None)
     verdict: Verdict = "data_problem"
     doubted: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
@@ -145,6 +153,7 @@ def answered(
             nothing,
         ),
         heldout_error=error,
+        file_error=file_error,
         steps=made("the steps of the search", lambda: steps(explanation), ()),
         candidates=candidates,
         candidates_tried=len(candidates),
@@ -172,6 +181,8 @@ def answered(
         read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
         delays=delays,
+        given=task.given,
+        integration=_shown(evaluator, task.simulator, base, found),
         explanation=explanation,
     )
 

@@ -23,7 +23,9 @@ from onlinebayes.criticism.results import (
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fleet import Fleet
+from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, Selection
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,10 @@ class Criticism:
         contradicted: what was added and taken out again, for the held-out error rises with it.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
         delays: what was found that delays something, and at which stages this log would let it be.
+        file_error: signal -> held-out error of the final model as a file of its engine holds it, from ``refine``; empty
+            where there is no such file, or where that is not known.
+        given: the model as the user gave it.
+        integration: how the base and the final model are run.
         explanation: the evaluations that it stands on, for :func:`~onlinebayes.criticism.next_experiment`.
     """
 
@@ -103,6 +109,9 @@ class Criticism:
     contradicted: tuple[str, ...] = ()
     failed: tuple[str, ...] = ()
     delays: tuple[LocatedDelay, ...] = ()
+    file_error: Mapping[str, float] = field(default_factory=dict)
+    integration: Integration | None = None
+    given: Identifiable | None = field(default=None, repr=False, compare=False)
     explanation: Explanation | None = field(default=None, repr=False, compare=False)
 
     @property

@@ -91,7 +91,7 @@ def worlds_of(result: Criticism) -> ModelMixture:
         BadInput: the additions of two hypotheses cannot stand beside each other in one simulator.
     """
     believed = result.hypotheses
-    simulator = _with_all(unscoped(result.base.simulator), [one.model for one in believed])
+    simulator = joined(unscoped(result.base.simulator), [one.model.simulator for one in believed])
     parts = [embedded(simulator, one.model) for one in believed]
     return ModelMixture(
         simulator,
@@ -102,9 +102,13 @@ def worlds_of(result: Criticism) -> ModelMixture:
     )
 
 
-def _with_all(simulator: Identifiable, models: Sequence[FittedModel]) -> Identifiable:
-    """The simulator with the effects, the free numbers and the widest bounds of all models."""
-    for model in map(unscoped, (one.simulator for one in models)):
+def joined(simulator: Identifiable, models: Sequence[Identifiable]) -> Identifiable:
+    """The simulator with the effects, the free numbers and the widest bounds of all models.
+
+    Raises:
+        BadInput: the effects of two of them cannot stand beside each other.
+    """
+    for model in map(unscoped, models):
         present = {effect.key for effect in simulator.effects}
         for effect in model.effects:
             if effect.key not in present:
@@ -131,8 +135,18 @@ def density(
     covariance = slope[:, :, None] * covariance * slope[:, None, :]
     spread = covariance.diagonal(dim1=1, dim2=2)
     least = torch.where(spread < CERTAIN**2, torch.full_like(spread, NEUTRAL**2), CERTAIN**2)
-    roots = torch.linalg.cholesky(covariance + torch.diag_embed(least))
+    roots = _lower(covariance + torch.diag_embed(least))
     return TruncatedMixture(weight.log(), u.detach(), roots, Box.whole(space))
+
+
+def _lower(covariance: Float[Tensor, "K P P"]) -> Float[Tensor, "K P P"]:
+    """Return Cholesky's factors; of what rounding has made indefinite, of the nearest matrix that is not."""
+    roots, failed = torch.linalg.cholesky_ex(covariance)
+    if not bool(failed.any()):
+        return roots
+    values, vectors = torch.linalg.eigh((covariance + covariance.mT) / 2)
+    floor = CERTAIN**2 * values.amax(-1, keepdim=True).clamp_min(1.0)
+    return torch.linalg.cholesky(vectors @ torch.diag_embed(values.maximum(floor)) @ vectors.mT)
 
 
 def embedded(simulator: Simulator, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:

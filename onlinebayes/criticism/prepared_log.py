@@ -32,6 +32,7 @@ class PreparedLog:
         constraints: how the model's constraints are taken.
         soft: the base model with constraints as soft as its file has them, where it has any.
         readings: which other readings were taken.
+        given: the model as the user gave it.
     """
 
     simulator: Identifiable
@@ -42,6 +43,7 @@ class PreparedLog:
     constraints: Constraints = "none"
     soft: Identifiable | None = None
     readings: tuple[Reading, ...] = ()
+    given: Identifiable | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,5 +93,5 @@ def prepare(
     )
     model, soft = (scoped(one, scope, measurement, fit_runs.runs) for one in (rigid, stepped))
     if rigid is stepped:
-        return PreparedLog(model, fit_runs, held_runs, used, prepared)
-    return PreparedLog(model, fit_runs, held_runs, used, prepared, "rigid", soft)
+        return PreparedLog(model, fit_runs, held_runs, used, prepared, given=simulator)
+    return PreparedLog(model, fit_runs, held_runs, used, prepared, "rigid", soft, given=simulator)

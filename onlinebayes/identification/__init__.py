@@ -34,7 +34,7 @@ from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
 from onlinebayes.identification.replaying.forces import EffectForce, effect_forces
-from onlinebayes.identification.replaying.integration import reported
+from onlinebayes.identification.replaying.integration import Integration, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.replaying.replay import replay, replay_binned, rollout, sensor_readings
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, physical
@@ -61,6 +61,7 @@ __all__ = [
     "FlatDirection",
     "Fleet",
     "HorizonError",
+    "Integration",
     "Numerics",
     "Profile",
     "Projected",

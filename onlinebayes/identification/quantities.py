@@ -111,6 +111,14 @@ def with_error(mean: float, sd: float, unit: str) -> str:
     return f"{_fixed(mean, sd)} {scale.unit}".strip()
 
 
+def interval(low: float, high: float, unit: str) -> str:
+    """``92.6 to 97.4 kg``, with as many digits as tell the ends apart."""
+    largest, width = max(abs(low), abs(high)), high - low
+    scale = scale_for(largest, unit)
+    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
+    return f"{scale.number(low, digits)} to {scale.text(high, digits)}"
+
+
 def significant(value: float, digits: int = 2) -> str:
     """``value`` with so many significant digits; whole numbers keep theirs, tiny and huge ones get an exponent."""
     if not math.isfinite(value):

@@ -5,21 +5,23 @@ found.belief.sample((64,)), found.parameters["body.bob.mass"].sd, found.identifi
 write_posterior([found], "out/posterior")
 """
 
+from onlinebayes.posterior import words
 from onlinebayes.posterior.infer import posterior_of_log
 from onlinebayes.posterior.results import LogPosterior, Method, ParameterBelief, Reproduction
-from onlinebayes.posterior.words import SHOWN, lines, side_by_side
-from onlinebayes.posterior.write import MOST_MODELS, names_of, write_posterior
+from onlinebayes.posterior.words import lines, side_by_side
+from onlinebayes.posterior.write import MOST_MODELS, corner_plots, names_of, write_posterior
 
 __all__ = [
     "MOST_MODELS",
-    "SHOWN",
     "LogPosterior",
     "Method",
     "ParameterBelief",
     "Reproduction",
+    "corner_plots",
     "lines",
     "names_of",
     "posterior_of_log",
     "side_by_side",
+    "words",
     "write_posterior",
 ]

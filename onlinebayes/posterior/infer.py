@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism import Explanation, PreparedLog, begun_as_read, explanation_of, prepare
+from onlinebayes.criticism import Explanation, PreparedLog, begun_as_read, explanation_of, kept_fit, prepare
 from onlinebayes.identification import Scope, Selection
 from onlinebayes.inference import Box, TruncatedMixture, WeightedDraws, identifiability, importance
 from onlinebayes.measurements import Measurement
@@ -71,10 +71,13 @@ def posterior_of_log(
     with one_torch_thread(), watch.heeded():
         watch.say("making model and log ready")
         task = prepare(simulator, measurement, holdout, selection, scope)
-        task, search = begun_as_read(task, watch, memo)
-        found = explanation_of(search)
-        watch.say("fitting to all windows")
-        return _inferred(task, found.on_all_windows(task.fit_runs), torch.Generator().manual_seed(seed), watch)
+        found = kept_fit(task.simulator, task.fit_runs, memo) if memo is not None else None
+        if found is None:
+            task, search = begun_as_read(task, watch, memo)
+            found = explanation_of(search)
+            watch.say("fitting to all windows")
+            found = found.on_all_windows(task.fit_runs)
+        return _inferred(task, found, torch.Generator().manual_seed(seed), watch)
 
 
 def _inferred(task: PreparedLog, found: Explanation, generator: torch.Generator, watch: Watch) -> LogPosterior:

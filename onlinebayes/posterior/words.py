@@ -8,19 +8,14 @@ from onlinebayes.identification import quantities
 from onlinebayes.inference import Identifiability
 from onlinebayes.posterior.results import LogPosterior, ParameterBelief, Reproduction
 
-SHOWN = 5
-"""Parameters that a terminal shows at most; with several models so many of each."""
-
 RINGS = 0.05
 """P below which the alarm rings."""
 
 
-def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
-    """(label, sentence), in the order in which they are to be read."""
-    named = sorted(found.parameters.items(), key=lambda one: -one[1].of_prior)[:shown] if shown else []
+def lines(found: LogPosterior) -> list[tuple[str, str]]:
+    """(label, sentence), in the order in which they are to be read: every parameter, the least known first."""
+    named = sorted(found.parameters.items(), key=lambda one: -one[1].of_prior)
     told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
-    if 0 < len(named) < len(found.parameters):
-        told.append(("", f"and {len(found.parameters) - len(named)} more, known better, in posterior.json"))
     told.append(("known", known(found.identifiability)))
     told.append(("worlds", reproductions(found)))
     if said := alarm(found):
@@ -29,9 +24,15 @@ def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
 
 
 def parameter(name: str, value: ParameterBelief) -> str:
-    """``body.bob.mass 0.41 ± 0.01 kg, 3 % of its prior``."""
+    """``body.bob.mass 0.41 ± 0.01 kg, 90 % 0.394 to 0.427 kg, 3 % of its prior``."""
     text = quantities.with_error(value.mean, value.sd, value.unit)
-    return f"{name} {text}, {quantities.percent(min(value.of_prior, 1.0))} of its prior"
+    within = quantities.interval(value.q05, value.q95, value.unit)
+    return f"{name} {text}, 90 % {within}, {quantities.percent(min(value.of_prior, 1.0))} of its prior"
+
+
+def title(found: LogPosterior) -> str:
+    """``dry_friction@hinge + constant_load@hinge``."""
+    return " + ".join(found.accepted) or "the model as it is"
 
 
 def known(found: Identifiability) -> str:
@@ -80,13 +81,8 @@ def notes(found: LogPosterior) -> tuple[str, ...]:
 
 
 def side_by_side(models: Sequence[LogPosterior]) -> list[tuple[str, str]]:
-    """One line a model, where the log leaves several open."""
-    told = []
+    """Every model that the log leaves open, its weight before its own lines."""
+    told: list[tuple[str, str]] = []
     for k, one in enumerate(models, 1):
-        values = ", ".join(
-            f"{name.rpartition('.')[2]} {quantities.with_error(value.mean, value.sd, value.unit)}"
-            for name, value in list(one.parameters.items())[:SHOWN]
-        )
-        name = " + ".join(one.accepted) or "the model as it is"
-        told.append((f"model {k}", f"{quantities.percent(one.weight)}: {name}: {values}"))
+        told += [(f"model {k}", f"{quantities.percent(one.weight)}: {title(one)}"), *lines(one)]
     return told

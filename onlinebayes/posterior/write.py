@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ SCHEMA = 1
 MOST_MODELS = 4
 """A refined model and its rivals."""
 
+DPI = 150
+
 MOST_DRAWN = 8
 """Parameters of a corner plot: those that are known least."""
 
@@ -35,27 +38,24 @@ def names_of(models: int) -> tuple[str, ...]:
 
 
 @together()
-def write_posterior(models: Sequence[LogPosterior], out_dir: str | Path, *, title: str = "") -> tuple[str, ...]:
+def write_posterior(
+    models: Sequence[LogPosterior], out_dir: str | Path, *, title: str = "", pictures: Sequence[bytes] = ()
+) -> tuple[str, ...]:
     """Write the files, each atomically; returns their names.
 
     Args:
         models: the posterior, or one for each model that the log leaves open.
         out_dir: folder; made if it is missing.
         title: what was measured, over the plots.
+        pictures: of :func:`corner_plots`, where they are drawn already.
 
     Raises:
         BadInput: the folder cannot be made or written.
     """
     folder, names = Path(out_dir), names_of(len(models))
-    for k, found in enumerate(models):
-        belief, picture = names[2 * k : 2 * k + 2]
-        saving.save(found.belief, folder / belief)
-        shown = sorted(found.parameters, key=lambda name: -found.parameters[name].of_prior)[:MOST_DRAWN]
-        kept = [name for name in found.space.names if name in shown]
-        model = " + ".join(found.accepted)
-        heading = ", ".join(part for part in (title, model) if part)
-        drawn = Marginal(found.belief, kept)
-        plots.save(plots.corner(drawn, prior=BoxUniform(drawn.space), title=heading), folder / picture)
+    for k, (found, picture) in enumerate(zip(models, pictures or corner_plots(models, title), strict=True)):
+        saving.save(found.belief, folder / names[2 * k])
+        write_atomic(folder / names[2 * k + 1], picture)
     content = {
         "schema": SCHEMA,
         "versions": versions(),
@@ -65,6 +65,20 @@ def write_posterior(models: Sequence[LogPosterior], out_dir: str | Path, *, titl
     # Last, because programs that wait for the result wait for this one.
     write_atomic(folder / "posterior.json", json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     return names
+
+
+def corner_plots(models: Sequence[LogPosterior], title: str = "") -> list[bytes]:
+    """Draw the corner plot of each model as a PNG file."""
+    return [_corner(found, title) for found in models]
+
+
+def _corner(found: LogPosterior, title: str) -> bytes:
+    shown = sorted(found.parameters, key=lambda name: -found.parameters[name].of_prior)[:MOST_DRAWN]
+    drawn = Marginal(found.belief, [name for name in found.space.names if name in shown])
+    heading = ", ".join(part for part in (title, " + ".join(found.accepted)) if part)
+    drawing = BytesIO()
+    plots.corner(drawn, prior=BoxUniform(drawn.space), title=heading).savefig(drawing, dpi=DPI, format="png")
+    return drawing.getvalue()
 
 
 def _model(found: LogPosterior, belief: str) -> dict[str, Any]:
@@ -82,7 +96,7 @@ def _model(found: LogPosterior, belief: str) -> dict[str, Any]:
         "combinations": [asdict(one) for one in found.identifiability.combinations],
         "reproduction": {signal: asdict(one) for signal, one in found.reproduction.items()},
         "alarm": {"p": found.surprise, "signal": found.strange, "rings": found.surprise < words.RINGS},
-        "in_words": [f"{label}: {text}" if label else text for label, text in words.lines(found, len(parameters))],
+        "in_words": [f"{label}: {text}" if label else text for label, text in words.lines(found)],
         "notes": words.notes(found),
         "method": asdict(found.method),
         "belief": belief,

@@ -44,6 +44,7 @@ def to_html(
     title: str = "",
     refined: tuple[str, ...] = (),
     left_out: Mapping[str, str] | None = None,
+    lost: Mapping[str, str] | None = None,
     attempts: Attempts | None = None,
 ) -> str:
     """The whole page.
@@ -53,12 +54,13 @@ def to_html(
         title: what was criticised, e.g. the name of the problem file.
         refined: names of the refined model's files that stand beside the report.
         left_out: keys of the effects that refined.xml cannot hold -> why.
+        lost: those that refined_model.py cannot hold either -> why.
         attempts: takes what fails: a line stands in the place of such a part; the failure is raised where there is
             none.
     """
     chapters = [
         chapter(name, heading, *(_part(what, make, attempts) for what, make in parts))
-        for name, heading, parts in _parts(result, refined, left_out or {})
+        for name, heading, parts in _parts(result, usage.Files(refined, left_out or {}, lost or {}))
     ]
     body = [
         tag("p", f"onlinebayes {result.command}", f" · {title}" if title else "", kind="source"),
@@ -71,9 +73,7 @@ def to_html(
     return PAGE.format(title=head, style=stylesheet(), body=Html("\n".join(part for part in body if part)))
 
 
-def _parts(
-    result: Criticism, refined: tuple[str, ...], left_out: Mapping[str, str]
-) -> tuple[tuple[str, str, tuple[Part, ...]], ...]:
+def _parts(result: Criticism, files: usage.Files) -> tuple[tuple[str, str, tuple[Part, ...]], ...]:
     """Name, heading and parts of every chapter."""
     return (
         (
@@ -100,7 +100,7 @@ def _parts(
         ),
         ("candidates", "What could be missing", (("the candidates", lambda: ranking.render(result)),)),
         ("parameters", "Parameters", (("the parameters", lambda: parameters.render(result)),)),
-        ("next", "What to do next", (("the advice", lambda: usage.advice(result, refined, left_out)),)),
+        ("next", "What to do next", (("the advice", lambda: usage.advice(result, files)),)),
         ("how", "How this was reached", (("how this was reached", lambda: usage.provenance(result)),)),
     )
 

@@ -60,6 +60,8 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "delays": [asdict(delay) for delay in result.delays],
         "fleet": {address: _fleet(fleet) for address, fleet in result.fleet.items()},
         "hypotheses": [_hypothesis(one) for one in result.hypotheses],
+        "integration": None if result.integration is None else asdict(result.integration),
+        "refined_xml_error": result.file_error or None,
         "machine": machine(),
     }
 

@@ -99,10 +99,7 @@ def fleet(address: str, found: Fleet) -> str:
 
 def interval(value: Estimate) -> str:
     """``92.6 to 97.4 kg``, in the unit that suits the mean."""
-    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
-    scale = quantities.scale_for(largest, value.unit)
-    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
-    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
+    return quantities.interval(value.q05, value.q95, value.unit)
 
 
 def better(before: float, after: float) -> str:

@@ -1,12 +1,11 @@
-"""The refined model: refined.toml (the problem with its accepted effects) and refined.xml (for plain MuJoCo).
+"""The refined model as files: refined.toml (the problem with its accepted effects), and those of a MuJoCo model.
 
 Where the data leave several models open, refined-2.toml and so on are the problem with each of the others.
 
 refined.toml is the problem file with ``[effects] add`` extended, everything else kept: bounds stay priors, the fitted
-values stand beside them as comments, relative paths are rewritten to hold from the new folder. refined.xml is the
-model with every fitted value and every effect that MuJoCo has a term for written in; a comment names those it lacks.
-Where the data have a fault, refined.toml has the lines that put it right, and the values of both are fitted to the
-mended table: those of the fit to the faulty one mean nothing.
+values stand beside them as comments, relative paths are rewritten to hold from the new folder. What refined.xml and
+refined_model.py hold stands in :mod:`.model_files`. Where the data have a fault, refined.toml has the lines that put it
+right, and the values of all are fitted to the mended table: those of the fit to the faulty one mean nothing.
 """
 
 from __future__ import annotations
@@ -18,45 +17,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import mujoco
-
 from onlinebayes.criticism import MOST_HYPOTHESES, Criticism, WeightedModel, WidenedBounds
-from onlinebayes.identification import FittedModel, address_of, physical, quantities, unwrap
+from onlinebayes.identification import FittedModel, address_of, quantities, unwrap
 from onlinebayes.report import phrases, words
 from onlinebayes.report.correction import mended
-from onlinebayes.runs import Attempts, BadInput, to_toml, write_atomic
-from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.assets import put_beside
+from onlinebayes.report.model_files import FAILURES, MODULE, XML, approximate, model_files, model_of, write_model
+from onlinebayes.runs import Attempts, to_toml, write_atomic
 from onlinebayes.simulators.mujoco.export import to_xml
 
 RIVALS = tuple(f"refined-{k + 2}.toml" for k in range(MOST_HYPOTHESES))
 """Problem files of the other models that a result leaves open."""
 
-FILES = ("refined.toml", "refined.xml", *RIVALS)
+FILES = ("refined.toml", XML, MODULE, *RIVALS)
 """Files that ``refine`` writes besides the report, where there is a problem file, and a model that MuJoCo takes."""
-
-ASSETS = "refined_assets"
-"""Folder beside refined.xml for the meshes and textures that the model had in memory."""
-
-FAILURES = (BadInput, ValueError, mujoco.FatalError)
-"""Errors that MuJoCo raises where it cannot make a file of a model."""
-
-
-def left_out(result: Criticism) -> Mapping[str, str]:
-    """Keys of the effects that refined.xml cannot hold -> why, and what would let it."""
-    model = _model(result)
-    simulator, theta = unwrap(model.simulator), physical(model.simulator, model.theta)
-    return simulator.not_exportable(theta) if isinstance(simulator, MujocoSimulator) else {}
 
 
 def noted(result: Criticism) -> Criticism:
     """The result of ``refine`` with a note where refined.xml is not the final model, or cannot be written at all."""
-    simulator = unwrap(result.final.simulator)
-    if result.command != "refine" or not isinstance(simulator, MujocoSimulator):
+    if result.command != "refine":
         return result
-    notes = [f"refined.xml holds {held}." for held in _approximate(result, simulator)]
+    notes = [f"refined.xml holds {held}." for held in approximate(result)]
     try:
-        to_xml(_spec(result, simulator))
+        files = model_files(result)
+        if files is not None:
+            to_xml(files.spec)
     except FAILURES as error:
         notes = [f"refined.xml was not written, for MuJoCo refuses the fitted values: {error}"]
     return dataclasses.replace(result, notes=tuple(dict.fromkeys([*result.notes, *notes])))
@@ -65,7 +49,7 @@ def noted(result: Criticism) -> Criticism:
 def write_refined(
     result: Criticism, out_dir: str | Path, problem: str | Path | None = None, attempts: Attempts | None = None
 ) -> tuple[str, ...]:
-    """Write refined.toml where there is a problem file, and refined.xml for a MuJoCo model, each atomically.
+    """Write refined.toml where there is a problem file, and the files of a MuJoCo model, each atomically.
 
     An XML that MuJoCo refuses is left out, an older one with it; :func:`noted` says why.
 
@@ -91,26 +75,10 @@ def write_refined(
             write_atomic(folder / name, refined_toml(content, Path(problem).parent, folder, result, rival))
             written.append(name)
     with noting.attempt("refined.xml"):
-        written += _write_xml(result, folder)
+        written += write_model(result, folder)
     if attempts is None and noting.errors:
         raise noting.errors[0]
     return tuple(written)
-
-
-def _write_xml(result: Criticism, folder: Path) -> list[str]:
-    """Write refined.xml and its assets; nothing for a model that is no MJCF, or that MuJoCo refuses."""
-    simulator = unwrap(_model(result).simulator)
-    if not isinstance(simulator, MujocoSimulator):
-        return []
-    try:
-        text, assets = refined_xml(result, simulator, folder)
-    except FAILURES:
-        (folder / "refined.xml").unlink(missing_ok=True)
-        return []
-    for name, bytes_ in assets.items():
-        write_atomic(folder / name, bytes_)
-    write_atomic(folder / "refined.xml", text)
-    return ["refined.xml"]
 
 
 def refined_toml(
@@ -141,7 +109,7 @@ def refined_toml(
         **_widened(content["parameters"], result, rival),
         **_own(content["parameters"], result),
     }
-    fitted = _fitted(_model(result) if rival is None else model)
+    fitted = _fitted(model_of(result) if rival is None else model)
     for address, fleet in result.fleet.items() if rival is None else ():
         fitted[address].append(f"the next unit's {phrases.interval(fleet.next)}")
     comments: dict[tuple[str, ...], str] = {
@@ -152,53 +120,6 @@ def refined_toml(
         share = quantities.percent(rival.weight)
         head = f"Another model that the data leave open, believed to {share}: with {phrases.listing(rival.accepted)}"
     return to_toml(content, head=head, comments=comments)
-
-
-def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> tuple[str, dict[str, bytes]]:
-    """MJCF of the final model with its fitted values; a comment names the effects that it cannot hold.
-
-    Args:
-        result: what ``refine`` returned.
-        simulator: the physics of the model that is written; where runs have values of their own, their mean is written.
-        target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
-
-    Returns:
-        The text, and the files it needs that lie nowhere yet, by their paths from the folder.
-    """
-    spec = _spec(result, simulator)
-    assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
-    if spec.modelfiledir and any(asset.file for asset in assets):
-        for name in ("meshdir", "texturedir"):
-            folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
-            setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
-        spec.modelfiledir = str(target)
-    beside = put_beside(spec, target, ASSETS)
-    missing = left_out(result)
-    differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
-    note = words.lacking(missing) or "with all accepted effects"
-    note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
-    if result.wiring is not None:
-        fitted = "the table with its fault" if result.corrected is None else "the mended table"
-        note = f"fitted to {fitted} ({result.wiring.fault}){f', {note}' if missing else ''}"
-    note += "".join(f"; {held}" for held in _approximate(result, simulator))
-    # "--" would end an XML comment.
-    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}", beside
-
-
-def _model(result: Criticism) -> FittedModel:
-    """The model that the files hold."""
-    return result.final if result.corrected is None else result.corrected
-
-
-def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:
-    return simulator.export(physical(_model(result).simulator, _model(result).theta))
-
-
-def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
-    """Note the bodies whose fitted moments of inertia no body has; the file holds the nearest possible ones."""
-    bodies = simulator.bodies_with_adjusted_inertia(physical(_model(result).simulator, _model(result).theta))
-    rule = "the nearest moments of inertia that a body can have (A + B >= C)"
-    return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 
 
 def _bounds(parameters: Mapping[str, Any], model: FittedModel) -> dict[str, Any]:

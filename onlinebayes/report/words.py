@@ -144,17 +144,50 @@ def put_right(result: Criticism) -> str:
     return f"refined.toml reads the table with the fault, which can only be put right there; {values}"
 
 
-def left_out(effects: Mapping[str, str], files: Sequence[str]) -> str:
+def left_out(effects: Mapping[str, str], files: Sequence[str], lost: Mapping[str, str]) -> str:
     """List the effects that refined.xml cannot hold, in one line; empty without any.
 
     Args:
         effects: their keys -> why, as a clause.
         files: names of the refined files.
+        lost: those that refined_model.py cannot hold either -> why.
     """
     if not effects or "refined.xml" not in files:
         return ""
-    there = f"; refined.toml has {'it' if len(effects) == 1 else 'them'}" if "refined.toml" in files else ""
-    return f"refined.xml: {lacking(effects)}{there}"
+    pronoun = "it" if len(effects) == 1 else "them"
+    if "refined_model.py" in files:
+        return f"refined.xml: {lacking(effects)}; refined_model.py adds {beside(effects, lost)}"
+    return f"refined.xml: {lacking(effects)}" + (f"; refined.toml has {pronoun}" if "refined.toml" in files else "")
+
+
+def file_error(result: Criticism, files: Sequence[str]) -> str:
+    """Compare the held-out error of refined.xml with that of the whole model; empty where it is the whole."""
+    if "refined_model.py" not in files or not result.file_error:
+        return ""
+    signal = worst_signal(result)
+    bare, whole = errors_of_files(result, signal)
+    return f"{signal} on held-out runs: refined.xml by itself {bare}, the whole model {whole}"
+
+
+def errors_of_files(result: Criticism, signal: str) -> tuple[str, str]:
+    """Held-out error of refined.xml by itself and of the whole model, in one unit."""
+    bare, whole = result.file_error[signal], result.heldout_error.after[signal]
+    if not math.isfinite(bare) or not math.isfinite(whole):
+        return quantities.text(bare, result.units[signal]), quantities.text(whole, result.units[signal])
+    one, other = quantities.texts((bare, whole), result.units[signal])
+    return one, other
+
+
+def beside(effects: Mapping[str, str], lost: Mapping[str, str]) -> str:
+    """List what refined_model.py adds to refined.xml, and what it lacks as well.
+
+    Args:
+        effects: keys of the effects that refined.xml cannot hold.
+        lost: those that refined_model.py cannot hold -> why, as a clause.
+    """
+    held = [key for key in effects if key not in lost]
+    has = listing(held) if held else "the final model's own integration"
+    return f"{has} ({lacking(lost)})" if lost else has
 
 
 def lacking(effects: Mapping[str, str]) -> str:

@@ -8,12 +8,13 @@
 | what motion and commands leave behind | ``Remembering``: by default nothing that is known  |
 | constraints between joints            | ``Constrained``: by default none                   |
 | the same system, a little different   | ``Editable``: by default no variants               |
+| a file of its engine                  | ``Portable``: by default there is none             |
 """
 
 from __future__ import annotations
 
-from onlinebayes.simulators.abilities import Constrained, Editable, Extensible, Integrated, Remembering
+from onlinebayes.simulators.abilities import Constrained, Editable, Extensible, Integrated, Portable, Remembering
 
 
-class Identifiable(Extensible, Integrated, Remembering, Constrained, Editable):
+class Identifiable(Extensible, Integrated, Remembering, Constrained, Editable, Portable):
     """A simulator that a log can be replayed through, and whose parameters a log can tell."""

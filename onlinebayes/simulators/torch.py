@@ -307,6 +307,13 @@ class TorchSimulator(Identifiable):
         other._populate(self.worlds)
         return other
 
+    def with_dt(self, dt: float) -> Self:
+        """A new simulator whose step lasts ``dt`` seconds; see :meth:`Integrated.with_dt`."""
+        other = copy.copy(self)
+        other.dt, other._substeps = dt, timesteps_of(dt, self.timestep)
+        other._populate(self.worlds)
+        return other
+
     def _lawless(self) -> dict[str, float]:
         """Neutral values of the laws' parameters, under their keys."""
         some = Scales(force=1.0, speed=1.0, travel=1.0, time=1.0)

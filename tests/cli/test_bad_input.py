@@ -389,7 +389,7 @@ def test_the_problem_may_stand_behind_the_effects(folder, capsys):
 
 def test_show_of_a_folder_without_a_report(folder, capsys):
     assert main(["show", str(folder)]) == 2
-    assert "holds no report.html" in one_line(capsys.readouterr().err, folder)
+    assert "holds none of report.html" in one_line(capsys.readouterr().err, folder)
     assert main(["show", str(folder / "nowhere")]) == 2
     assert "no such folder" in one_line(capsys.readouterr().err, folder)
 

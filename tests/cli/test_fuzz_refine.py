@@ -76,4 +76,6 @@ def test_refine_writes_its_files_or_says_what_is_wrong_with_the_input(drawn: Dra
         assert {path.name for path in out.iterdir()} >= FILES - ({"refined.xml"} if refused else set())
         if not refused:
             mujoco.MjModel.from_xml_path(str(out / "refined.xml"))
-        assert load_refined(out).theta.isfinite().all()
+        refined = load_refined(out)
+        assert refined.theta.isfinite().all()
+        assert refined.belief.sample((2,)).shape[1] == len(refined.worlds(1).parameters)

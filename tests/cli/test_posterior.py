@@ -1,4 +1,4 @@
-"""``onlinebayes posterior``: its files, its ten lines, several models side by side, and what it refuses."""
+"""``onlinebayes posterior``: its files, what it prints, several models side by side, and what it refuses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from onlinebayes.problems import load_problem
 from onlinebayes.runs import Stages
 from tests.problems.conftest import PROBLEM, table
 
-FILES = {"posterior.json", "belief.json", "corner.png"}
+FILES = {"posterior.json", "belief.json", "corner.png", "posterior.html"}
 
 
 @pytest.fixture
@@ -30,11 +30,14 @@ def run(folder: Path, *more: str, problem: str = "carriage.toml") -> int:
     return main(["posterior", str(folder / problem), "--out", str(folder / "out"), *more])
 
 
-def test_its_files_and_its_ten_lines(longer: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_its_files_and_what_it_prints_of_every_parameter(longer: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(longer) == 0
     printed = capsys.readouterr().out.splitlines()
     assert {path.name for path in (longer / "out").iterdir()} == FILES
-    assert len(printed) <= 10
+    together = " ".join(" ".join(printed).split())
+    assert "body.carriage.mass " in together
+    assert "joint.carriage.damping 2.0" in together
+    assert together.count(", 90 % ") == 2
     assert all(len(line) <= 80 or str(longer) in line for line in printed)
     assert printed[0].startswith("posterior: ")
     assert {"known:", "worlds:", "wrote:"} <= {line.split()[0] for line in printed}
@@ -44,6 +47,10 @@ def test_its_files_and_its_ten_lines(longer: Path, capsys: pytest.CaptureFixture
     assert {"sd", "q05", "q50", "q95", "unit", "of_prior", "fitted", "low", "high"} <= set(mass)
     assert [row[k] for k, row in enumerate(model["correlation"])] == pytest.approx([1.0, 1.0])
     assert model["method"]["runs"] == ["first"]
+    page = (longer / "out" / "posterior.html").read_text()
+    assert all(part in page for part in (*model["parameters"], "90 % interval", "data:image/png;base64,"))
+    assert main(["show", str(longer / "out"), "--html"]) == 0
+    assert "posterior.html" in capsys.readouterr().out
     belief = saving.load(longer / "out" / model["belief"], load_problem(longer / "carriage.toml").simulator.parameters)
     assert belief.sample((5,)).shape == (5, 2)
 
@@ -58,6 +65,11 @@ def test_a_folder_of_refine_gives_each_of_its_models(folder: Path, capsys: pytes
     printed = capsys.readouterr().out
     assert "75 %: dry_friction@carriage" in " ".join(printed.split())
     assert "25 %: quadratic_drag@carriage" in " ".join(printed.split())
+    assert "dry_friction@carriage.frictionloss" in printed
+    assert "quadratic_drag@carriage.drag" in printed
+    page = (folder / "out" / "posterior.html").read_text()
+    assert "75 %: dry friction at carriage" in page
+    assert "belief-2.json" in page
     assert {path.name for path in (folder / "out").iterdir()} == FILES | {"belief-2.json", "corner-2.png"}
     models = json.loads((folder / "out" / "posterior.json").read_text())["models"]
     assert [model["weight"] for model in models] == [0.75, 0.25]

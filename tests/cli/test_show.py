@@ -48,7 +48,7 @@ def test_a_run_before_its_first_page_has_a_recording(run, started, capsys):
     assert main(["show", str(run)]) == 0
     assert len(started) == 1
     assert main(["show", "--html", str(run)]) == 2
-    assert "holds no report.html and no run.html" in capsys.readouterr().err
+    assert "holds none of report.html, posterior.html, next.html, run.html" in capsys.readouterr().err
 
 
 def test_of_a_recording_cut_within_a_message_a_whole_copy_is_opened(run, started):

@@ -119,9 +119,18 @@ def test_what_refined_xml_lacks_is_one_line() -> None:
 def test_each_reason_is_said_once() -> None:
     term, short = "which has no term", "which is short"
     lacking = {"cogging@a": term, "actuator_delay@m": short, "actuator_lag@m": term}
-    assert words.left_out(lacking, ["refined.toml", "refined.xml"]) == (
+    assert words.left_out(lacking, ["refined.toml", "refined.xml"], {}) == (
         f"refined.xml: without cogging@a and actuator_lag@m, {term}; without actuator_delay@m, {short}; "
         "refined.toml has them"
+    )
+
+
+def test_the_module_is_named_with_what_it_adds_and_what_it_lacks_too() -> None:
+    term, log = "which plain MuJoCo has no term for", "which is of the log"
+    lacking, files = {"cogging@a": term, "sensor_clock@s": term}, ["refined.xml", "refined_model.py"]
+    assert words.left_out(lacking, files, {"sensor_clock@s": log}) == (
+        f"refined.xml: without cogging@a and sensor_clock@s, {term}; "
+        f"refined_model.py adds cogging@a (without sensor_clock@s, {log})"
     )
 
 

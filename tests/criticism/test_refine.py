@@ -11,7 +11,7 @@ from onlinebayes.criticism.results import MOVES_NOTHING
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Interrupt, Stopped
-from onlinebayes.simulators.effects import ConstantLoad, DryFriction, QuadraticDrag
+from onlinebayes.simulators.effects import ActuatorDeadZone, ConstantLoad, DryFriction, QuadraticDrag
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, NOISE, TRUTH, measure, model
 
@@ -53,6 +53,18 @@ def test_held_out_error_falls_to_the_floor(mended) -> None:
     assert error.horizon_s["qpos.rail"] == pytest.approx(1.0)
     assert mended.held_out_runs == ("run9", "run8")
     assert mended.holdout_looks == 1
+
+
+def test_the_file_of_the_engine_errs_as_the_model_does_where_it_holds_all_of_it(mended, null) -> None:
+    assert mended.file_error == mended.heldout_error.after
+    assert null.file_error == null.heldout_error.after
+
+
+def test_the_file_of_the_engine_lacks_what_it_has_no_term_for() -> None:
+    zone = ActuatorDeadZone("motor", Parameter(0.0, 1.0))
+    found = refine(model(), measure({zone: (0.5,)}, runs=6), holdout=["run5"], candidates=["actuator_dead_zone"])
+    assert found.accepted == (zone.key,)
+    assert found.file_error["qpos.rail"] > 5 * found.heldout_error.after["qpos.rail"]
 
 
 def test_what_the_free_damping_does_is_confounded(mended) -> None:

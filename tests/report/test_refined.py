@@ -12,10 +12,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from onlinebayes.criticism import Criticism
 from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.parameters import Parameter
-from onlinebayes.report.refined import left_out, write_refined
-from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.report import left_out
+from onlinebayes.report.html import to_html
+from onlinebayes.report.json import to_dict
+from onlinebayes.report.refined import write_refined
+from onlinebayes.simulators.effects import ActuatorDeadZone, ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.report.synthetic import DRIVE, SPACE, changed, criticism, drive, miswired
 
@@ -146,25 +150,52 @@ def test_files_in_memory_are_written_beside_the_model(folder: Path) -> None:
     assert mujoco.MjModel.from_xml_path(str(folder / "out" / "refined.xml")).nmesh == 1
 
 
-def test_what_mujoco_lacks_is_named(folder: Path) -> None:
-    delay = ActuatorDelay("motor", Parameter(0.0, 0.02, "s"))
-    result = criticism(simulator=drive())
-    simulator = drive().with_effect(delay)
-    theta = torch.cat([result.final.theta, torch.tensor([2e-4], dtype=torch.float64)])
+def with_one_more(effect: Effect, value: float) -> Criticism:
+    """The result with one more accepted effect, of one parameter."""
+    result, simulator = criticism(simulator=drive()), drive().with_effect(effect)
+    theta = torch.cat([result.final.theta, torch.tensor([value], dtype=torch.float64)])
+    effects = (*result.final.effects, effect.key)
     final = dataclasses.replace(
-        result.final,
-        simulator=simulator,
-        theta=theta,
-        covariance=torch.eye(5).double(),
-        effects=(*result.final.effects, delay.key),
+        result.final, simulator=simulator, theta=theta, covariance=torch.eye(5).double(), effects=effects
     )
-    result = dataclasses.replace(result, final=final, accepted=final.effects)
-    assert tuple(left_out(result)) == ("actuator_delay@motor",)
-    write_refined(result, folder / "out", folder / "drive.toml")
+    return dataclasses.replace(result, final=final, accepted=effects, given=drive())
+
+
+def test_a_delay_that_mujoco_would_round_gives_the_file_another_timestep(folder: Path) -> None:
+    result = with_one_more(ActuatorDelay("motor", Parameter(0.0, 0.02, "s")), 2e-4)
+    assert left_out(result) == {}
+    files = write_refined(result, folder / "out", folder / "drive.toml")
+    assert files == ("refined.toml", "refined.xml", "refined_model.py")
     text = (folder / "out" / "refined.xml").read_text()
-    assert "without actuator_delay@motor, which plain MuJoCo has from one timestep on (" in text.splitlines()[0]
-    assert 'delay="0.0002" interp="linear" nsample="3" at the actuator, hold it' in text.splitlines()[0]
-    assert mujoco.MjModel.from_xml_string(text).dof_frictionloss[0] == pytest.approx(22.04)
+    assert "timestep 0.0002 s in place of 0.001 s, for MuJoCo has no delay shorter than one" in text.splitlines()[0]
+    model = mujoco.MjModel.from_xml_string(text)
+    assert (model.opt.timestep, model.actuator_delay[0]) == pytest.approx((2e-4, 2e-4))
+    assert model.dof_frictionloss[0] == pytest.approx(22.04)
+    assert "timestep=0.001" in (folder / "out" / "refined_model.py").read_text()
+
+
+def test_what_mujoco_lacks_is_in_the_module_beside_the_file_and_both_errors_are_shown(folder: Path) -> None:
+    result = with_one_more(ActuatorDeadZone("motor", Parameter(0.0, 20.0)), 5.0)
+    signal = result.signals[0]
+    result = dataclasses.replace(result, file_error={signal: 0.033})
+    assert tuple(left_out(result)) == ("actuator_dead_zone@motor",)
+    files = write_refined(result, folder / "out", folder / "drive.toml")
+    comment = (folder / "out" / "refined.xml").read_text().splitlines()[0]
+    assert "without actuator_dead_zone@motor, which plain MuJoCo has no term for" in comment
+    assert "refined_model.py beside this file adds actuator_dead_zone@motor" in comment
+    assert "DeadZone(width=5.0)" in (folder / "out" / "refined_model.py").read_text()
+    assert to_dict(result)["refined_xml_error"] == {signal: 0.033}
+    page = to_html(result, refined=files, left_out=left_out(result))
+    assert "Held-out error of refined.xml by itself and of the whole model" in page
+    assert "33 mm" in page
+
+
+def test_the_comment_says_how_the_file_is_integrated_otherwise_than_the_users_model(folder: Path) -> None:
+    result = dataclasses.replace(criticism(simulator=drive()), given=drive().with_timestep(0.002))
+    write_refined(result, folder / "out", folder / "drive.toml")
+    comment = (folder / "out" / "refined.xml").read_text().splitlines()[0]
+    assert "fitted with timestep 0.001 s and integrator Implicitfast" in comment
+    assert "the model's own, timestep 0.002 s and integrator Implicitfast, is too coarse" in comment
 
 
 def test_there_is_no_xml_without_mujoco_and_no_toml_without_a_problem(folder: Path) -> None:

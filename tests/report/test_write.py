@@ -78,7 +78,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         (html.usage, "advice", None),
         (recording_module.documents, "ranking", "run.rrd"),
         (write, "to_json", "report.json"),
-        (refined, "refined_xml", "refined.xml"),
+        (refined, "write_model", "refined.xml"),
         (refined, "noted", None),
     ],
 )

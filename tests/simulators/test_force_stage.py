@@ -107,7 +107,7 @@ def test_forces_leave_runge_kuttas_method_an_error_of_second_order(case: int) ->
     effect, truth, _ = CASES[case]
     times = 0.02 * torch.arange(1, 21, dtype=torch.float64)
     command = torch.sin(7.0 * times - 0.14).reshape(1, 20, 1) * 5.0
-    state = TensorDict({"qpos": torch.zeros(1, 1).double(), "qvel": torch.ones(1, 1).double()}, batch_size=[1])
+    state = TensorDict({"qpos": torch.zeros(1, 1).double(), "qvel": torch.full((1, 1), 0.6).double()}, batch_size=[1])
     inputs = TensorDict({"command": command}, batch_size=[1, 20])
     model = MujocoSimulator(SLIDE).with_runge_kutta().with_effect(effect)
 

@@ -138,7 +138,11 @@ def test_a_step_may_be_several_timesteps() -> None:
     fine.reset(theta)
     coarse.reset(theta)
     command = torch.randn(3, 10, 2, dtype=torch.float64)
-    assert _same(_steps(coarse, command), _steps(fine, command.repeat_interleave(5, dim=1))[:, 4::5])
+    wanted = _steps(fine, command.repeat_interleave(5, dim=1))[:, 4::5]
+    assert _same(_steps(coarse, command), wanted)
+    other = fine.with_dt(0.02)
+    other.reset(theta)
+    assert _same(_steps(other, command), wanted)
     with pytest.raises(BadInput, match="whole number"):
         MujocoSimulator(ARM, dt=0.005)
 

@@ -94,3 +94,10 @@ def test_every_other_form_of_the_simulator_keeps_the_sensors() -> None:
 def test_a_sensor_that_is_not_there(sensor, message) -> None:
     with pytest.raises(BadInput, match=message):
         MujocoSimulator(SWING, SPACE, sensors=(sensor,))
+
+
+def test_the_first_reading_is_of_the_state_that_was_set() -> None:
+    simulator = MujocoSimulator(SWING, sensors=("sensor.angle",))
+    start = simulator.state
+    start["qpos"][:] = 0.3
+    assert float(simulator.with_worlds(1).reset(simulator.nominal[None], start)["sensor"]) == 0.3

@@ -144,6 +144,18 @@ def test_bad_numbers_are_refused() -> None:
         CartPole((), worlds=0)
     with pytest.raises(BadInput, match="timestep = 0 s; it must be positive"):
         CartPole(()).with_timestep(0.0)
+    with pytest.raises(BadInput, match="whole number"):
+        CartPole(()).with_dt(0.7 * CartPole(()).timestep)
+
+
+def test_a_step_lasts_as_long_as_it_is_asked_to() -> None:
+    one = CartPole(()).with_worlds(1)
+    three = one.with_dt(3 * one.timestep)
+    inputs = TensorDict({"command": torch.ones(1, 1, dtype=one.dtype)}, batch_size=[1])
+    for _ in range(3):
+        after = one.step(inputs)
+    assert torch.equal(three.step(inputs)["qpos"], after["qpos"])
+    assert three.timestep == one.timestep
     with pytest.raises(ValueError, match="theta has 3 columns, the space has 2 parameters"):
         CartPole(FREE).reset(torch.ones(1, 3, dtype=torch.float64))
 

@@ -115,6 +115,10 @@ class SimulatorWrapper(Identifiable):
         """See :meth:`Identifiable.with_timestep`."""
         return self.around(self.physics.with_timestep(timestep))
 
+    def with_dt(self, dt: float) -> Self:
+        """See :meth:`Integrated.with_dt`."""
+        return self.around(self.physics.with_dt(dt))
+
     def with_runge_kutta(self) -> Self:
         """See :meth:`Identifiable.with_runge_kutta`."""
         other = self.physics.with_runge_kutta()

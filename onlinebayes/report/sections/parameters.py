@@ -29,7 +29,7 @@ def _table(result: Criticism) -> Html:
             tag("code", name),
             tag("strong", phrases.estimate(value)),
             phrases.interval(value),
-            _strip(name, value, bounds, base if changed else None) if bounds else "–",
+            strip(name, value, bounds, base if changed else None) if bounds else "–",
             _state(value, bounds),
         ]
         if changed:
@@ -90,7 +90,7 @@ def _state(value: Estimate, bounds: Parameter | None) -> str:
     return f"yes, to {quantities.percent(share)} of what was allowed" if share < WIDE else "hardly: the bounds decide"
 
 
-def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None) -> Html:
+def strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None) -> Html:
     """The 90 % interval and the mean, and the base model's mean, within the bounds on the parameter's own scale."""
     low, high, mean = (_place(x, bounds) for x in (value.q05, value.q95, value.mean))
     ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()

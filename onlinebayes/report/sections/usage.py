@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from onlinebayes.criticism import Criticism
 from onlinebayes.identification import quantities
@@ -47,15 +48,24 @@ RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
 
 
-def advice(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, str]) -> Html:
-    """The next step, and the refined model in use.
+@dataclass(frozen=True)
+class Files:
+    """The refined model's files.
 
     Args:
-        result: what to report.
-        files: names of the refined files that stand beside the report.
+        names: of those that stand beside the report.
         left_out: keys of the effects that refined.xml cannot hold -> why.
+        lost: those that refined_model.py cannot hold either -> why.
     """
-    return join(_next(result), _snippet(result, files, left_out))
+
+    names: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    lost: Mapping[str, str] = field(default_factory=dict)
+
+
+def advice(result: Criticism, files: Files) -> Html:
+    """The next step, and the refined model in use."""
+    return join(_next(result), _snippet(result, files))
 
 
 def _next(result: Criticism) -> Html:
@@ -93,23 +103,38 @@ def _notes(result: Criticism) -> list[Html]:
     return [tag("p", note, kind="note") for note in result.notes]
 
 
-def _snippet(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, str]) -> Html:
-    parts = []
-    if "refined.xml" in files:
-        held = [effect for effect in result.final.effects if effect not in left_out]
+def _snippet(result: Criticism, files: Files) -> Html:
+    parts: list[str] = []
+    if "refined.xml" in files.names:
+        held = [effect for effect in result.final.effects if effect not in files.left_out]
         inside = f"  # {phrases.effects_in_words(held)} included" if held else ""
         code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
         parts += [tag("p", "In plain MuJoCo, from the folder of this report:"), tag("pre", tag("code", code))]
-    for sentence in (words.left_out(left_out, files), words.put_right(result) if files else ""):
+    if "refined_model.py" in files.names:
+        code = "from refined_model import RefinedModel\n\nmodel = RefinedModel()\nmodel.reset(qpos, qvel)\n"
+        code += "signals = model.step(ctrl)\n"
+        parts += [tag("p", "With what MuJoCo has no term for, there:"), tag("pre", tag("code", code))]
+    left = words.left_out(files.left_out, files.names, files.lost)
+    for sentence in (left, words.put_right(result) if files.names else ""):
         if sentence:
             parts.append(tag("p", sentence, kind="warning"))
-    if "refined.toml" in files:
+    parts.append(_by_file(result, files))
+    if "refined.toml" in files.names:
         command = "onlinebayes compare refined.toml --out again\n"
         parts += [
             tag("p", "On the command line there, against these or new measurements:"),
             tag("pre", tag("code", command)),
         ]
-    return section("Use the refined model", *parts) if parts else Html("")
+    return section("Use the refined model", *parts) if any(parts) else Html("")
+
+
+def _by_file(result: Criticism, files: Files) -> Html:
+    """The held-out error of refined.xml beside that of the whole model, where they are not the same."""
+    if "refined_model.py" not in files.names or not result.file_error:
+        return Html("")
+    rows = [(tag("code", signal), *words.errors_of_files(result, signal)) for signal in words.signals_by_error(result)]
+    head = ("signal", "refined.xml", "refined.toml" if files.lost else "refined_model.py")
+    return table("Held-out error of refined.xml by itself and of the whole model", head, rows)
 
 
 def _gone(result: Criticism) -> str:

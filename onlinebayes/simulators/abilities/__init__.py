@@ -8,6 +8,7 @@ from onlinebayes.simulators.abilities.editable import Editable
 from onlinebayes.simulators.abilities.extensible import Extensible
 from onlinebayes.simulators.abilities.integrated import Integrated
 from onlinebayes.simulators.abilities.measured import Measured
+from onlinebayes.simulators.abilities.portable import InFile, Portable
 from onlinebayes.simulators.abilities.remembering import Remembering
 
-__all__ = ["Constrained", "Editable", "Extensible", "Integrated", "Measured", "Remembering"]
+__all__ = ["Constrained", "Editable", "Extensible", "InFile", "Integrated", "Measured", "Portable", "Remembering"]

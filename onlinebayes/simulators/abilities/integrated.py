@@ -6,6 +6,7 @@ from typing import Self
 
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import timesteps_of
 
 
 class Integrated(Simulator):
@@ -27,6 +28,16 @@ class Integrated(Simulator):
             f"{type(self).__name__} integrates with a step of {self.timestep:g} s only",
             "override with_timestep to let numerics be checked",
         )
+
+    def with_dt(self, dt: float) -> Self:
+        """The same system whose :meth:`step` lasts ``dt`` seconds [s], integrated as before; all worlds nominal.
+
+        Raises:
+            BadInput: ``dt`` is no whole number of timesteps, or this simulator's cannot be changed.
+        """
+        if timesteps_of(dt, self.timestep) == timesteps_of(self.dt, self.timestep):
+            return self
+        raise BadInput(f"a step of {type(self).__name__} lasts {self.dt:g} s", "override with_dt to let it be chosen")
 
     def with_runge_kutta(self) -> Self:
         """The same system integrated by Runge and Kutta's method of fourth order; itself where it is already.

@@ -19,6 +19,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.standalone.commands import DeadZone
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,10 @@ class ActuatorDeadZone(Effect):
     def neutral(self) -> Mapping[str, float]:
         """w = 0."""
         return {"width": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> DeadZone:
+        """See :class:`.DeadZone`."""
+        return DeadZone(values["width"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

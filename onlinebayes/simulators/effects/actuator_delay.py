@@ -25,6 +25,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.standalone.commands import DeadTime
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,10 @@ class ActuatorDelay(Effect):
     def neutral(self) -> Mapping[str, float]:
         """T = 0."""
         return {"delay": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> DeadTime:
+        """See :class:`.DeadTime`."""
+        return DeadTime(values["delay"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

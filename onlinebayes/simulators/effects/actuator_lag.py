@@ -24,6 +24,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.standalone.commands import Lag
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,10 @@ class ActuatorLag(Effect):
     def neutral(self) -> Mapping[str, float]:
         """T = 0."""
         return {"time_constant": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> Lag:
+        """See :class:`.Lag`."""
+        return Lag(values["time_constant"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

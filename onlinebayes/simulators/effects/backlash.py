@@ -32,6 +32,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen, Servo, limited
+from onlinebayes.simulators.standalone.play import Play
 
 REMEMBERED = 1.0
 """The time for which the side on which the gap was closed last may matter [s]."""
@@ -84,6 +85,10 @@ class Backlash(Effect):
     def neutral(self) -> Mapping[str, float]:
         """g = 0, for whatever R."""
         return {"gap": 0.0, "rotor": self._some(0.3)}
+
+    def standalone(self, values: Mapping[str, float]) -> Play:
+        """See :class:`.Play`."""
+        return Play(values["gap"], values["rotor"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

@@ -11,6 +11,7 @@ An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parame
 | ``force``, ``friction_bound``, ``advance`` | both | force stage: a force, a dry friction's bound, hidden state |
 | ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state                              |
 | ``sense``, ``unsense``        | both    | what a sensor shows of the motion, and the state behind what it showed |
+| ``standalone``                | plain MuJoCo | the same in floats, for the Python file beside an exported model   |
 | ``shift``                     | neither | a parameter that changes in time: criticism replays each window so     |
 
 On MuJoCo an effect with ``fields`` is carried natively: its ``command`` and its force stage are not called there.
@@ -31,6 +32,7 @@ from torch import Tensor
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen
+from onlinebayes.simulators.standalone.law import Law
 
 TargetKind = Literal["joint", "actuator", "body", "geom", "site", "world", "signal", "parameter"]
 """The kind of element that an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
@@ -154,6 +156,21 @@ class Effect(ABC):
             fields: field name -> live array (N, ...), **already holding the values without this effect**.
             parameters: short name -> values (N,) [SI].
         """
+
+    # --- beside a model file ------------------------------------------------------------------------------------
+
+    def standalone(self, values: Mapping[str, float]) -> Law | str:
+        """The effect in one world as a law in floats alone, for a file beside MJCF that has no term for it.
+
+        The source of the law's class goes into that file, its ``repr`` makes it there (see :mod:`..standalone`).
+
+        Args:
+            values: short name -> value [SI].
+
+        Returns:
+            The law; or why there is none, as a clause: "which ...".
+        """
+        return "which gives no law in plain Python (Effect.standalone)"
 
     # --- the force stage ----------------------------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.frictions import Waves
 
 PERIODS = (1.0, 16.0)
 """Periods over the travel that ``scaled`` allows."""
@@ -75,6 +76,10 @@ class Cogging(Effect):
             "poles": (self.poles.low + self.poles.high) / 2,
             "phase": (self.phase.low + self.phase.high) / 2,
         }
+
+    def standalone(self, values: Mapping[str, float]) -> Waves:
+        """See :class:`.Waves`."""
+        return Waves(values["amplitude"], values["poles"], values["phase"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

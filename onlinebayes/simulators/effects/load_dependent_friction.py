@@ -18,6 +18,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.frictions import LoadFriction
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,10 @@ class LoadDependentFriction(Effect):
     def neutral(self) -> Mapping[str, float]:
         """mu = 0."""
         return {"mu": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> LoadFriction:
+        """See :class:`.LoadFriction`."""
+        return LoadFriction(values["mu"])
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """mu abs(f) [N, N m]."""

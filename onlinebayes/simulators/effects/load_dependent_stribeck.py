@@ -20,6 +20,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import divides, geometric, joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.frictions import LoadStribeck
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,10 @@ class LoadDependentStribeck(Effect):
     def neutral(self) -> Mapping[str, float]:
         """mu = 0; vs, without meaning then, is the geometric middle of its bounds."""
         return {"mu": 0.0, "stribeck_velocity": geometric(self.stribeck_velocity, 0.5)}
+
+    def standalone(self, values: Mapping[str, float]) -> LoadStribeck:
+        """See :class:`.LoadStribeck`."""
+        return LoadStribeck(values["mu"], values["stribeck_velocity"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

@@ -53,6 +53,10 @@ class ParameterDrift(Effect):
         """r = 0."""
         return {"rate": 0.0}
 
+    def standalone(self, values: Mapping[str, float]) -> str:
+        """None: a model that is stepped on has no time of the log."""
+        return "which is a change along the time of the log: the model files hold the value without it"
+
     def shift(
         self, parameters: Mapping[str, Tensor], begin: Float[Tensor, " W"], end: Float[Tensor, " W"]
     ) -> Float[Tensor, "*batch W"]:

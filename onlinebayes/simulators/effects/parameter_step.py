@@ -59,6 +59,10 @@ class ParameterStep(Effect):
         """s = 0; t1, without meaning then, is the middle of its bounds."""
         return {"size": 0.0, "time": self._time(0.5)}
 
+    def standalone(self, values: Mapping[str, float]) -> str:
+        """None: a model that is stepped on has no time of the log."""
+        return "which is a change along the time of the log: the model files hold the value without it"
+
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A small step at evenly spaced instants: what it does is not linear in when."""

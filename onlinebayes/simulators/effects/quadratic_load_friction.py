@@ -18,6 +18,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.frictions import SquaredLoad
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,10 @@ class QuadraticLoadFriction(Effect):
     def neutral(self) -> Mapping[str, float]:
         """nu = 0."""
         return {"nu": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> SquaredLoad:
+        """See :class:`.SquaredLoad`."""
+        return SquaredLoad(values["nu"])
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """nu f^2 [N, N m]."""

@@ -14,6 +14,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading
+from onlinebayes.simulators.standalone.sensors import Bias
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,10 @@ class SensorBias(Effect):
     def neutral(self) -> Mapping[str, float]:
         """b = 0."""
         return {"bias": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> Bias:
+        """See :class:`.Bias`."""
+        return Bias(values["bias"])
 
     def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
         """q + b."""

@@ -73,6 +73,10 @@ class SensorClock(Effect):
         """No lag, and none to come."""
         return {"rate": 0.0, "offset": 0.0}
 
+    def standalone(self, values: Mapping[str, float]) -> str:
+        """None: a model that is stepped on has no clock of the log."""
+        return "which is the drift of the log's clocks: a model that is stepped on has none"
+
     @property
     def shifted(self) -> str:
         """Its own ``offset``."""

@@ -20,6 +20,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading
+from onlinebayes.simulators.standalone.sensors import Late
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,10 @@ class SensorDelay(Effect):
     def neutral(self) -> Mapping[str, float]:
         """T = 0."""
         return {"delay": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> Late:
+        """See :class:`.Late`."""
+        return Late(values["delay"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

@@ -14,6 +14,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading
+from onlinebayes.simulators.standalone.sensors import Gain
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,10 @@ class SensorScale(Effect):
     def neutral(self) -> Mapping[str, float]:
         """s = 0."""
         return {"scale": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> Gain:
+        """See :class:`.Gain`."""
+        return Gain(values["scale"])
 
     def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
         """(1 + s) q."""

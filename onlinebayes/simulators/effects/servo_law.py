@@ -18,6 +18,7 @@ duty slows down with speed. While the actuator is off its leads are open, and f 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -31,6 +32,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen, limited
+from onlinebayes.simulators.standalone.motors import HobbyServo
 
 DEAD_BAND = 0.1
 """The widest dead band that is tried, in parts of the largest goal."""
@@ -89,6 +91,11 @@ class ServoLaw(Effect):
     def neutral(self) -> Mapping[str, float]:
         """F at its upper bound, which is no limit; b = w = s = 0."""
         return {"limit": self.limit.high, "back_emf": 0.0, "dead_band": 0.0, "sag": 0.0}
+
+    def standalone(self, values: Mapping[str, float]) -> HobbyServo:
+        """See :class:`.HobbyServo`."""
+        limit = values["limit"] if values["limit"] < self.limit.high else math.inf
+        return HobbyServo(limit, values["back_emf"], values["dead_band"], values["sag"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

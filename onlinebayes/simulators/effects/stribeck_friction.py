@@ -19,6 +19,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import divides, geometric, joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.frictions import Stribeck
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,10 @@ class StribeckFriction(Effect):
     def neutral(self) -> Mapping[str, float]:
         """Fc = Fs = 0; vs, without meaning then, is the geometric middle of its bounds."""
         return {"coulomb": 0.0, "static": 0.0, "stribeck_velocity": geometric(self.stribeck_velocity, 0.5)}
+
+    def standalone(self, values: Mapping[str, float]) -> Stribeck:
+        """See :class:`.Stribeck`."""
+        return Stribeck(values["coulomb"], values["static"], values["stribeck_velocity"])
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

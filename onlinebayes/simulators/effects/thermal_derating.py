@@ -25,6 +25,7 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import geometric, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
+from onlinebayes.simulators.standalone.motors import Heat
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,10 @@ class ThermalDerating(Effect):
     def neutral(self) -> Mapping[str, float]:
         """c = 0; T, without meaning then, is the geometric middle of its bounds."""
         return {"coefficient": 0.0, "time_constant": geometric(self.time_constant, 0.5)}
+
+    def standalone(self, values: Mapping[str, float]) -> Heat:
+        """See :class:`.Heat`."""
+        return Heat(values["coefficient"], values["time_constant"], self.reference)
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:

@@ -8,14 +8,19 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import mujoco
+from jaxtyping import Float
+from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import InFile
 from onlinebayes.simulators.checks import refuse_twice
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco.addresses import written_out
+from onlinebayes.simulators.mujoco.beside import beside
 from onlinebayes.simulators.mujoco.closure import rigid
+from onlinebayes.simulators.mujoco.in_file import in_file
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.own_numbers import own_numbers
 from onlinebayes.simulators.mujoco.packing import packed, unpacked
@@ -23,6 +28,7 @@ from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden, with_option
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
+from onlinebayes.simulators.standalone import Setup
 
 RK4 = mujoco.mjtIntegrator.mjINT_RK4
 
@@ -96,6 +102,10 @@ class Remakable(Identifiable):
         """A new simulator that integrates with another step; see :meth:`Identifiable.with_timestep`."""
         return self._remade(model=with_option(self._blueprint.model, "timestep", timestep), dt=timestep)
 
+    def with_dt(self, dt: float) -> Self:
+        """A new simulator whose step lasts ``dt`` seconds; see :meth:`Integrated.with_dt`."""
+        return self._remade(dt=dt)
+
     def with_runge_kutta(self) -> Self:
         """A new simulator with MuJoCo's RK4; see :meth:`Identifiable.with_runge_kutta`."""
         if self.model.opt.integrator == RK4:
@@ -153,6 +163,22 @@ class Remakable(Identifiable):
         if source is self._blueprint.model and set(sensors) == set(self._blueprint.sensors):
             return self
         return self._remade(model=source, sensors=tuple(sensors))
+
+    def in_file(self, theta: Float[Tensor, " P"]) -> InFile:
+        """One world as MJCF holds it; see :mod:`.in_file`."""
+        return in_file(self, theta)
+
+    def beside_file(
+        self, theta: Float[Tensor, " P"], spec: mujoco.MjSpec, lacking: Collection[str]
+    ) -> tuple[Setup, dict[str, str]]:
+        """Laws and numbers that a file lacks, and keys of effects that cannot be laws -> why; see :mod:`.beside`.
+
+        Args:
+            theta: of the world.
+            spec: of the file.
+            lacking: keys of the effects that it does not hold.
+        """
+        return beside(self._system, theta, spec, tuple(lacking))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """A simulator of its own that stands where this one does."""

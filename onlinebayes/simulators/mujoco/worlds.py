@@ -53,6 +53,9 @@ class Worlds:
         weighed = {name: self.batch.expand(name) for name in changed}
         fields = {**self._fields, **weighed}
         self.stage = ForceStage(system, self.batch, fields, worlds) if system.staged else None
+        # An output is copied out from the call on before which it was bound.
+        self._sensors = self.batch.bind("sensordata") if system.sensors else None
+        self._qacc = self.batch.bind("qacc") if self.stage is not None and self.stage.halves else None
 
     # --- writing ------------------------------------------------------------------------------------------------
 
@@ -133,7 +136,8 @@ class Worlds:
         """Read the sensors among the signals at the present states (N, n); the states stay as they are."""
         before = self.batch.state.copy()
         self._run(self.batch.forward, self._alive())
-        sensors = np.array(self.batch.bind("sensordata"))[:, list(self.system.sensor_places)]
+        assert self._sensors is not None
+        sensors = np.array(self._sensors)[:, list(self.system.sensor_places)]
         self.batch.state[...] = before
         return sensors
 
@@ -181,7 +185,7 @@ class Worlds:
         before = self.batch.state.copy()
         self._run(self.batch.forward, alive)
         self.batch.state[...] = before
-        return torch.from_numpy(np.array(self.batch.bind("qacc")))
+        return torch.from_numpy(np.array(self._qacc))
 
     def record(self, ctrl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One timestep for each row of ctrl (N, K, nu), all recorded.

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
+from pathlib import Path
 
 import torch
+from tensordict import TensorDict
 
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect, Scales, Seen, Servo
 from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.sensing import sense, unsense
+from onlinebayes.simulators.standalone import StandaloneModel
 from onlinebayes.simulators.testing.simulator import check_simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same
 
@@ -21,8 +26,9 @@ def check_effect(
 
     Checked: its parameters join the space under its key; at its neutral value it changes not a bit; elsewhere it acts;
     with it the simulator passes :func:`check_simulator`, hidden states included; its hidden states along many rows at
-    once are those of one row after the other; starting values and the bounds for screening are admissible; numbers
-    that are the same law are numbers of what it acts on; an unknown target and a second copy are refused.
+    once are those of one row after the other; a law in plain Python replays alike beside MJCF; starting values and the
+    bounds for screening are admissible; numbers that are the same law are numbers of what it acts on; an unknown target
+    and a second copy are refused.
 
     Args:
         simulator: without the effect; it is not touched.
@@ -44,6 +50,7 @@ def check_effect(
     require(torch.equal(grown.nominal[len(simulator.parameters) :], neutral), "nominal is not neutral")
     _check_neutral(simulator, grown, steps, scale, seed)
     check_simulator(grown, steps=steps, scale=scale, atol=atol, seed=seed)
+    _check_standalone(grown, steps, scale, seed)
     _check_refusals(grown, simulator, effect)
 
 
@@ -101,6 +108,32 @@ def _check_neutral(simulator: Identifiable, grown: Identifiable, steps: int, sca
     require(torch.equal(shown, bare), "the effect at its neutral value changes what sensors show")
     behind, bare_behind = unsense(grown, theta, trial.start), unsense(base, trial.theta, trial.start)
     require_same(behind, bare_behind, 0.0, "the effect at its neutral value changes the state behind a reading")
+
+
+def _check_standalone(grown: Identifiable, steps: int, scale: float, seed: int) -> None:
+    """On MuJoCo the law beside a file without the effect replays as the simulator does."""
+    if not isinstance(grown, MujocoSimulator):
+        return
+    one = grown.with_worlds(1)
+    trial = Trial.draw(one, steps, scale, seed)
+    held = one.in_file(trial.theta[0])
+    assert isinstance(held.simulator, MujocoSimulator)
+    setup, without = one.beside_file(trial.theta[0], held.simulator.export(held.theta), held.without)
+    if not held.without or without:
+        return
+    start = one.reset(trial.theta)  # at rest, as the law is
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.xml"
+        path.write_text(held.simulator.export_xml(held.theta))
+        model = StandaloneModel(path, setup)
+    model.reset(start["qpos"][0].numpy(), start["qvel"][0].numpy())
+    command = trial.command.repeat_interleave(round(one.dt / one.timestep), 1)  # a late sensor reads each timestep
+    times = one.timestep * torch.arange(1, command.shape[1] + 1, dtype=torch.float64)
+    shown = torch.tensor([list(model.step(u).values()) for u in command[0].numpy()])
+    inputs = TensorDict({"command": command}, batch_size=command.shape[:2])
+    wanted = sense(one, trial.theta, start, one.rollout(trial.theta, start, inputs, times), times)[0]
+    off, size = float((shown - wanted).abs().max()), float(wanted.abs().max())
+    require(off <= 1e-6 * size, f"the law in plain Python is off by {off:g} of {size:g}")
 
 
 def _check_refusals(grown: Identifiable, simulator: Identifiable, effect: Effect) -> None:
