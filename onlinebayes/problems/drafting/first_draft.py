@@ -53,7 +53,7 @@ class Draft:
 
 
 def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], None] = lambda _line: None) -> Draft:
-    """The problem file for a model and its logs, to stand at ``target``; ``say`` takes a line when the slow part begins."""
+    """The problem file for a model and its logs, to stand at ``target``; ``say`` is told of the slow part."""
     if not model.is_file():
         raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
     simulator = MujocoSimulator(model, threads=1)
