@@ -91,10 +91,13 @@ def tile(
     ]
     # Where commands go on and sensors do not, windows would have nothing to compare; and where nothing tells where one
     # of the joints was, the others would move beside one that rests.
-    places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
+    seen = [[0, *grid.observed.any(-1).cumsum(0).tolist()] for grid in grids]
+    places = [(r, g) for r, g in places if seen[r][min(g + rows, grids[r].rows) + 1] > seen[r][g + 1]] or places
     shown = sorted({seen_by(joint, names).column for joint in joints})
     most = [max(rows / 2, _spacing(grids, s)) for s in shown]
-    places = [(r, g) for r, g in places if _followed(grids[r].observed[g : g + rows + 1, shown], most)] or places
+    whole = [bool(grid.observed[:, shown].all()) for grid in grids]
+    followed = (whole[r] or _followed(grids[r].observed[g : g + rows + 1, shown], most) for r, g in places)
+    places = [place for place, kept in zip(places, followed, strict=True) if kept] or places
     if not places:
         raise BadInput(
             f"the longest run has {longest} steps of {step:g} s, too few to compare anything",

@@ -243,16 +243,22 @@ def _gather(
 ) -> Windows:
     """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
     names = tuple(signal.name for signal in measurement.signals)
-    cut = [_cut(grids[r], g, tiling.rows, history, measurement.idle_before) for r, g in tiling.places]
+    index = torch.tensor(tiling.places, device=tiling.start.device)
+    of_run = [(index[:, 0] == r).nonzero()[:, 0] for r in range(len(grids))]
+    cut = [
+        _cut(grids[r], index[some, 1], tiling.rows, history, measurement.idle_before)
+        for r, some in enumerate(of_run)
+        if len(some)
+    ]
+    back = torch.cat(of_run).argsort()
     command, enable, past, past_enable, value, measured, inside, late = (
-        torch.stack(part) for part in zip(*cut, strict=True)
+        torch.cat(part)[back] for part in zip(*cut, strict=True)
     )
     observed = measured.clone()
     for j, joint in enumerate(joint_names(simulator)):
         for s, name in enumerate(names):
             if name in (f"qpos.{joint}", velocity(joint, simulator.signals)):
                 observed[:, :, s] &= tiling.free[:, j : j + 1]
-    index = torch.tensor(tiling.places, device=value.device)
     return Windows(
         step=grids[0].step,
         bin_rows=tiling.bin_rows,
@@ -303,25 +309,28 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
     return whole / max(parts for parts in range(1, most + 1) if steps % parts == 0)
 
 
-def _cut(grid: RunGrid, first: int, rows: int, history: int, idle: bool) -> tuple[Tensor, ...]:
-    begin, end = next(((a, b) for a, b in reversed(grid.pieces) if a <= first), (0, grid.rows))
-    during = torch.arange(first, first + rows, device=grid.value.device)
-    held = during.clamp_max(end)
-    before = torch.arange(first - history, first, device=grid.value.device)
-    began, before = before >= 0, before.clamp_min(begin)
+def _cut(grid: RunGrid, first: Int[Tensor, " V"], rows: int, history: int, idle: bool) -> tuple[Tensor, ...]:
+    """What V windows of one run hold, each of whose first rows is given."""
+    pieces = torch.tensor([*grid.pieces, (grid.rows + 1, grid.rows)], device=first.device)
+    at = torch.searchsorted(pieces[:, 0].contiguous(), first, right=True) - 1
+    # Rows before the first piece belong to none: the whole run, then.
+    begin = torch.where(at >= 0, pieces[at.clamp_min(0), 0], 0)[:, None]
+    end = torch.where(at >= 0, pieces[at.clamp_min(0), 1], grid.rows)[:, None]
+    during = first[:, None] + torch.arange(rows, device=first.device)
+    held = during.minimum(end)
+    before = first[:, None] + torch.arange(-history, 0, device=first.device)
+    began, before = before >= 0, before.maximum(begin)
     past = grid.command[before]
-    after = during + 1
-    inside = after <= end
-    after = after.clamp_max(end)
-    value = grid.value if grid.reading is None else grid.reading
-    late = torch.zeros_like(value) if grid.late is None else grid.late
+    inside = during + 1 <= end
+    after = (during + 1).minimum(end)
+    value = (grid.value if grid.reading is None else grid.reading)[after]
     return (
         grid.command[held],
         grid.enable[held],
-        torch.where(began[:, None], past, torch.zeros_like(past)) if idle else past,
-        grid.enable[before] * began[:, None].to(grid.enable),
-        value[after],
-        grid.observed[after] & inside[:, None],
+        torch.where(began[..., None], past, torch.zeros_like(past)) if idle else past,
+        grid.enable[before] * began[..., None].to(grid.enable),
+        value,
+        grid.observed[after] & inside[..., None],
         inside,
-        late[after],
+        torch.zeros_like(value) if grid.late is None else grid.late[after],
     )

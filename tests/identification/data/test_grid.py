@@ -94,11 +94,11 @@ def test_no_window_bridges_a_gap() -> None:
     tiling = tile(measurement, grids, ("rail",), horizon=0.5)
     assert [g for _, g in tiling.places] == [0, 50, 100, 630, 680]
     assert tiling.rows == 50
-    command, *_, inside, _ = _cut(grids[0], 100, rows=50, history=0, idle=False)
-    assert inside.tolist() == [True] * 30 + [False] * 20  # the stretch ends at row 130
+    command, *_, inside, _ = _cut(grids[0], torch.tensor([100]), rows=50, history=0, idle=False)
+    assert inside[0].tolist() == [True] * 30 + [False] * 20  # the stretch ends at row 130
     assert float(command.max()) == pytest.approx(130.0)
-    _, _, past, *_ = _cut(grids[0], 630, rows=50, history=9, idle=False)
-    assert past[:, 0].tolist() == pytest.approx([131.0] * 9)  # the first command after the gap, not the last before it
+    _, _, past, *_ = _cut(grids[0], torch.tensor([630]), rows=50, history=9, idle=False)
+    assert past[0, :, 0].tolist() == pytest.approx([131.0] * 9)  # the first command after the gap, not the last before it
 
 
 def test_commands_denser_than_the_measurements_do_not_set_the_step() -> None:
