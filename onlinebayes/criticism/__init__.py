@@ -22,7 +22,7 @@ from onlinebayes.criticism.hypotheses.explanation import (
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.hypotheses.weighing import MOST_HYPOTHESES
-from onlinebayes.criticism.mixture import ModelMixture, worlds_of
+from onlinebayes.criticism.mixture import ModelMixture, mixture_of, moments_of, worlds_of
 from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
@@ -119,6 +119,8 @@ __all__ = [
     "grown_theta",
     "held_out_errors",
     "held_out_gain",
+    "mixture_of",
+    "moments_of",
     "names_said",
     "next_experiment",
     "next_unit",

@@ -26,8 +26,7 @@ from onlinebayes.report import phrases, words
 from onlinebayes.report.correction import mended
 from onlinebayes.runs import Attempts, BadInput, to_toml, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.assets import put_beside
-from onlinebayes.simulators.mujoco.export import to_xml
+from onlinebayes.simulators.mujoco.export import in_folder, to_xml
 
 RIVALS = tuple(f"refined-{k + 2}.toml" for k in range(MOST_HYPOTHESES))
 """Problem files of the other models that a result leaves open."""
@@ -166,13 +165,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
         The text, and the files it needs that lie nowhere yet, by their paths from the folder.
     """
     spec = _spec(result, simulator)
-    assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
-    if spec.modelfiledir and any(asset.file for asset in assets):
-        for name in ("meshdir", "texturedir"):
-            folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
-            setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
-        spec.modelfiledir = str(target)
-    beside = put_beside(spec, target, ASSETS)
+    text, beside = in_folder(spec, target, ASSETS)
     missing = left_out(result)
     differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
     note = words.lacking(missing) or "with all accepted effects"
@@ -182,7 +175,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
         note = f"fitted to {fitted} ({result.wiring.fault}){f', {note}' if missing else ''}"
     note += "".join(f"; {held}" for held in _approximate(result, simulator))
     # "--" would end an XML comment.
-    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}", beside
+    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{text}", beside
 
 
 def _model(result: Criticism) -> FittedModel:
