@@ -69,7 +69,21 @@ def drawn(folder: Path, models: RefinedModels, seed: int = 0) -> Drawn:
     correlation = (away.T @ away / (len(theta) - 1)).clamp(-1, 1)
     correlation[still], correlation[:, still] = 0.0, 0.0
     correlation.fill_diagonal_(1.0)
-    return Drawn(theta[:DRAWS], mean, sd, correlation, "posterior.json" if beliefs else "report.json")
+    kept = _nearest(away, correlation)
+    return Drawn(theta[kept : kept + DRAWS], mean, sd, correlation, "posterior.json" if beliefs else "report.json")
+
+
+def _nearest(away: Float[Tensor, "M P"], correlation: Float[Tensor, "P P"]) -> int:
+    """First row of the 256 draws in a row whose mean, sd and correlation come nearest to those of all.
+
+    Args:
+        away: draws, less their mean, in sd.
+        correlation: of all.
+    """
+    blocks = away[: len(away) // DRAWS * DRAWS].unflatten(0, (-1, DRAWS))
+    second = blocks.mT @ blocks / DRAWS
+    misses = blocks.mean(1).square().sum(1) + (second - correlation).square().sum((1, 2)) / 2
+    return DRAWS * int(misses.argmin())
 
 
 def _draws(worlds: ModelMixture, beliefs: list[Belief], count: int, generator: torch.Generator) -> Tensor:

@@ -1,4 +1,4 @@
-"""The MuJoCo part of an export: refined.xml at the mean of the draws, and the cells of the model that the draws move."""
+"""MuJoCo's part of an export: refined.xml at the mean of the draws, and the cells of the model that these move."""
 
 from __future__ import annotations
 

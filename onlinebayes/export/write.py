@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,10 +68,15 @@ def export(
             for name, bytes_ in part.assets.items():
                 write_atomic(Path(out) / name, bytes_)
             head = "<!-- exported by onlinebayes, at the mean of the draws in worlds.json -->\n"
-            write_atomic(Path(out) / MODEL, head + part.xml)
+            write_atomic(Path(out) / MODEL, head + (_for_older_mujoco(part.xml) if target == "mjlab" else part.xml))
             write_atomic(Path(out) / names[-1], module_text(target, content))
         write_atomic(Path(out) / WORLDS, _json(content))
     return names
+
+
+def _for_older_mujoco(xml: str) -> str:
+    """The text without what only says which setpoint a single command is: MuJoCo 3.11, which mjlab takes, lacks it."""
+    return re.sub(r'(<general [^>]*?) input="(?:pos|vel)"', r"\1", xml)
 
 
 def module_text(target: str, content: dict[str, Any]) -> str:

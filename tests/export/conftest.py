@@ -91,7 +91,9 @@ def loaded(path: Path) -> ModuleType:
     return module
 
 
-def alike(draws: np.ndarray, mean: Sequence[float], sd: Sequence[float], correlation: Sequence[Sequence[float]]) -> None:
+def alike(
+    draws: np.ndarray, mean: Sequence[float], sd: Sequence[float], correlation: Sequence[Sequence[float]]
+) -> None:
     """Check draws (N, P) against a belief: four standard errors, which 1 of 1,000 such checks of 14 numbers fails."""
     n = len(draws)
     assert np.abs(draws.mean(0) - mean).max() < 4 * max(np.array(sd) / math.sqrt(n))

@@ -66,7 +66,7 @@ def test_draws_come_from_all_models_that_are_open(tmp_path: Path) -> None:
     draws = np.array(worlds["draws"])
     friction, drag = (draws[:, names.index(name)] != 0 for name in (NAMES[3], "quadratic_drag@shoulder.drag"))
     assert (friction ^ drag).all()
-    assert friction.mean() == pytest.approx(0.75, abs=0.11)  # four standard errors
+    assert friction.mean() == pytest.approx(0.75, abs=0.11)  # four standard errors of 256
 
 
 def test_a_posterior_beside_it_is_taken(folder: Path, tmp_path: Path) -> None:
@@ -101,6 +101,6 @@ def test_what_cannot_be_used_is_refused(folder: Path, tmp_path: Path) -> None:
         export(folder, "json", tmp_path / "out")
     report["hypotheses"][0]["belief"]["names"] = ["another"]
     (folder / "report.json").write_text(json.dumps(report))
-    with pytest.raises(BadInput, match="report.json cannot be read"):
+    with pytest.raises(BadInput, match=r"report\.json cannot be read"):
         export(folder, "json", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -83,7 +83,7 @@ def joint_draws(env: Any, env_ids: torch.Tensor | None, asset_cfg: Any) -> None:
     masses = robot.root_physx_view.get_masses().clone() if any(place == "mass" for place, _ in TABLE) else None
     for (place, name), values in TABLE.items():
         value = torch.tensor(values)[number]
-        if place == "mass":
+        if place == "mass" and masses is not None:
             masses[ids.cpu(), robot.body_names.index(name)] = value.to(masses.dtype)
             continue
         _write_joint(robot, place, value.to(robot.device)[:, None], robot.joint_names.index(name), ids)

@@ -22,13 +22,19 @@ from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
 from mjlab.managers.scene_entity_config import SceneEntityCfg
 
 WORLDS: dict[str, Any] = json.loads((Path(__file__).parent / "worlds.json").read_text(encoding="utf-8"))
+DERIVED = (
+    *("body_subtreemass", "body_invweight0", "dof_invweight0"),
+    *("tendon_length0", "tendon_invweight0", "actuator_acc0"),
+)
+"""Derived constants that mujoco_warp has."""
+
 CELLS: list[dict[str, Any]] = []
 COLUMNS: list[int] = []
 LEFT_OUT: dict[str, str] = dict(WORLDS["mujoco"]["left_out"])
 for column, one in enumerate(WORLDS["mujoco"]["cells"]):
     if one["kind"] == "option" or "delay" in one["field"]:
         LEFT_OUT[one["field"]] = "which mjlab does not expand per world: refined.xml holds its mean"
-    else:
+    elif not one["derived"] or one["field"] in DERIVED:
         CELLS.append(one)
         COLUMNS.append(column)
 VALUES: list[list[float]] = [[row[c] for c in COLUMNS] for row in WORLDS["mujoco"]["values"]]

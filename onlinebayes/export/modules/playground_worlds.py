@@ -50,7 +50,7 @@ def domain_randomize(model: mjx.Model, rng: jax.Array) -> tuple[mjx.Model, Any]:
     changed: dict[str, jax.Array] = {}
     for column, cell in enumerate(CELLS):
         field = cell["field"]
-        if "delay" in field:
+        if "delay" in field or (cell["derived"] and not hasattr(model, field)):
             continue
         if field not in changed:
             own = jnp.atleast_1d(jnp.asarray(_read(model, field)))

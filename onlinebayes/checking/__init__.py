@@ -1,0 +1,1 @@
+"""New logs held against a refined machine."""
