@@ -93,7 +93,7 @@ def cells_of(
     for field, values in fields.items():
         base = model_array(model, field)
         for place in _differing(values, base):
-            column = values[:, *place]
+            column = _along(values, place)
             found.append(_cell(model, field, place, line=lines[field].at(place, column)))
             columns.append(column)
     own = {(cell.field, cell.id, cell.row, cell.index) for cell in found}
@@ -137,7 +137,7 @@ class _Line:
 
     def at(self, place: tuple[int, ...], values: Float[np.ndarray, " N"]) -> tuple[float, Mapping[str, float] | None]:
         """Offset and slopes of one cell; no slope where the line is not what the draws hold."""
-        slope, here = self.slope[:, *place], self.here[place]
+        slope, here = _along(self.slope, place), self.here[place]
         straight = here + (self.draws - self.mean) @ slope
         if np.abs(straight - values).max() > SAME * max(np.abs(values).max(), 1e-12):
             return float(here), None
@@ -214,7 +214,12 @@ def _derived(
         for place in _differing(both, base):
             if name.startswith("body_") and place[0] == 0:
                 continue  # the world's own, which a scene with more than the machine has otherwise
-            yield _cell(model, name, place, derived=True), both[:, *place]
+            yield _cell(model, name, place, derived=True), _along(both, place)
+
+
+def _along(values: np.ndarray, place: tuple[int, ...]) -> np.ndarray:
+    """One place of every row."""
+    return values.reshape(len(values), -1)[:, np.ravel_multi_index(place, values.shape[1:])]
 
 
 def _is_real(array: object) -> bool:
