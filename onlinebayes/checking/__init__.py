@@ -1,1 +1,0 @@
-"""New logs held against a refined machine."""
