@@ -6,6 +6,7 @@ them until the model predicts held-out runs as well as it can. All take built ob
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
 from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.checking import FALSE_ALARMS, Change, Check, Drift, check
 from onlinebayes.criticism.commands import BUDGET_S, compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
@@ -58,17 +59,21 @@ from onlinebayes.identification.scope import Scope
 
 __all__ = [
     "BUDGET_S",
+    "FALSE_ALARMS",
     "MOST_HYPOTHESES",
     "MOVES_NOTHING",
     "SCALES_HORIZON",
     "Addition",
     "Allowed",
     "Candidate",
+    "Change",
+    "Check",
     "Criticism",
     "DelayPlace",
     "DelayRecording",
     "DelayStage",
     "Detail",
+    "Drift",
     "DriftSeen",
     "Estimate",
     "Evaluation",
@@ -108,6 +113,7 @@ __all__ = [
     "Wiring",
     "additions",
     "begun_as_read",
+    "check",
     "compare",
     "diagnose",
     "equals",

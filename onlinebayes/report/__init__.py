@@ -3,7 +3,9 @@
 The sentences of a report are in ``words``, ``candidate_words`` and ``plan_words``: a terminal says the same.
 """
 
-from onlinebayes.report import candidate_words, plan_words, words
+from onlinebayes.report import candidate_words, check_words, plan_words, words
+from onlinebayes.report.check import FILES as CHECK_FILES
+from onlinebayes.report.check import write_check
 from onlinebayes.report.picture import write_picture
 from onlinebayes.report.plan import FILES as PLAN_FILES
 from onlinebayes.report.plan import write_plan
@@ -16,6 +18,7 @@ from onlinebayes.report.write import FILES as REPORT_FILES
 from onlinebayes.report.write import NEXT_UNIT, write_report
 
 __all__ = [
+    "CHECK_FILES",
     "NEXT_UNIT",
     "PLAN_FILES",
     "REFINED_FILES",
@@ -24,12 +27,14 @@ __all__ = [
     "Panel",
     "candidate_words",
     "chart",
+    "check_words",
     "first_screen",
     "left_out",
     "noted",
     "plan_words",
     "stylesheet",
     "words",
+    "write_check",
     "write_picture",
     "write_plan",
     "write_report",

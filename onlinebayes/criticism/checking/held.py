@@ -24,8 +24,11 @@ from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
 
-STEPS = 3
-"""Of the starts: the replay bends little between a smoothed start and the best one."""
+STEPS = 20
+"""Of the starts at most: where a machine is near an unstable posture they settle slowly."""
+
+SETTLED = 0.99
+"""Of a window's squares before a step: where more is left after it, the start has settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +92,33 @@ def hold(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], 
     Raises:
         BadInput: the replay diverges over them.
     """
-    starts, still = windows.start, theta.new_zeros(1, len(theta))
-    for _ in range(STEPS):
-        lin = linearise_starts(simulator, windows, theta, starts)
-        if not lin.valid:
-            raise _diverges(windows)
-        starts = lin.starts + start_shift(windows, lin, project(windows, lin, weight), still)[0]
+    starts = _settled(simulator, windows, theta, weight)
     lin = linearise(simulator, windows, theta, starts)
     if not lin.valid:
         raise _diverges(windows)
     return Held(simulator, windows, lin, project(windows, lin, weight))
+
+
+def _settled(
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], weight: Float[Tensor, "n S"]
+) -> Float[Tensor, "W J2"]:
+    """The best start of every window, by Gauss-Newton steps for as long as its squares fall."""
+    best, starts, still = windows.start.clone(), windows.start, theta.new_zeros(1, len(theta))
+    least, active = torch.full_like(best[:, 0], torch.inf), torch.arange(windows.count)
+    for _ in range(STEPS):
+        part = windows.select(active)
+        lin = linearise_starts(simulator, part, theta, starts)
+        if not lin.valid:
+            raise _diverges(windows)
+        rows = project(part, lin, weight)
+        squares = rows.residual.square().sum(1)
+        better, going = squares < least[active], squares < SETTLED * least[active]
+        best[active[better]], least[active[better]] = starts[better], squares[better]
+        if not bool(going.any()):
+            break
+        starts = (lin.starts + start_shift(part, lin, rows, still)[0])[going]
+        active = active[going]
+    return best
 
 
 def _diverges(windows: Windows) -> BadInput:

@@ -166,7 +166,7 @@ def _alike(reference: Reference, score: Float[Tensor, " C"], J: Float[Tensor, "C
     return tuple(j for _, j in sorted(others, reverse=True))
 
 
-def two_sided(t: Float[Tensor, " *K"], freedom: Float[Tensor, " *K"]) -> Float[Tensor, " *K"]:
+def two_sided(t: Float[Tensor, "K C"], freedom: Float[Tensor, " C"]) -> Float[Tensor, "K C"]:
     """P(|t| > t) of Student's t."""
     return torch.as_tensor(2 * student.sf(t.numpy(), freedom.clamp_min(1).numpy()))
 

@@ -104,7 +104,7 @@ def directions(held: Held, additions: Sequence[Addition]) -> tuple[list[MayChang
 
 
 def _told_apart(
-    held: Held, found: list[MayChange], columns: Float[Tensor, "W m C"], fitted: int
+    held: Held, found: list[MayChange], columns: Float[Tensor, "W m A"], fitted: int
 ) -> tuple[list[MayChange], Float[Tensor, "W m C"]]:
     """Without those that nothing shows, and each of those that do the same once; all fitted parameters stay."""
     flat = columns.flatten(0, 1)
