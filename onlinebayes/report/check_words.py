@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 from onlinebayes.criticism import FALSE_ALARMS, Change, Check
 from onlinebayes.identification import quantities
@@ -91,8 +90,3 @@ def error(found: Check) -> str:
 
 def _runs(count: int) -> str:
     return f"{count} new run{'' if count == 1 else 's'}"
-
-
-def false_alarms() -> str:
-    """The rate in words."""
-    return re.sub(r"\.0+$", "", f"at most {100 * FALSE_ALARMS:.1f}") + " of 100 checks of an unchanged machine alarm"
