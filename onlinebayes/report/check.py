@@ -23,7 +23,7 @@ FILES = ("check.png", "check.json")
 
 REFERENCE, NEW = "#8a8f98", "#d1495b"
 MOST_NAMED = 12
-"""Runs whose names stand below a plot."""
+"""Runs at most whose names stand below a plot."""
 
 WIDE = 1.645
 """Sd of half a 90 % interval."""
@@ -74,8 +74,6 @@ def _panel(axes: Axes, drift: Drift, *, last: bool) -> None:
             axes.errorbar([k for k, _ in mine], values, bars, fmt="o", color=colour, label=label, markersize=4)
     axes.set_ylabel(f"{drift.key}\n[{scale.unit}]" if scale.unit else drift.key, fontsize=8)
     axes.tick_params(labelsize=7)
-    if last and len(drift.points) <= MOST_NAMED:
-        axes.set_xticks(range(len(drift.points)), [point.run for point in drift.points], rotation=30, ha="right")
-    else:
-        axes.set_xticks([])
+    named = range(0, len(drift.points), -(-len(drift.points) // MOST_NAMED)) if last else []
+    axes.set_xticks(list(named), [drift.points[k].run for k in named], rotation=30, ha="right")
     axes.legend(fontsize=7, loc="best")
