@@ -35,6 +35,10 @@ examples:
       propose the recording that decides what is open; writes next.csv
   onlinebayes compare carriage.toml --out out/by-hand --add dry_friction@carriage
       the same with an effect that you add yourself
+  onlinebayes check out/refine tonight.csv
+      did the machine change since; exit status 1 if it did
+  onlinebayes export out/refine --to playground --out out/worlds
+      what was found, as worlds to train in: mujoco, playground, mjlab, isaaclab
   onlinebayes show out/refine
       open the report and the recording
 
@@ -48,6 +52,9 @@ COMMANDS = {
     "next": "propose the recording that decides what is open",
 }
 
+
+EXPORTS = ("json", "mujoco", "playground", "mjlab", "isaaclab")
+"""Targets of ``export``."""
 
 BUDGETED = ("compare", "diagnose", "refine", "next")
 
@@ -97,6 +104,24 @@ def parser() -> argparse.ArgumentParser:
         "--out", type=_path, metavar="FILE", help="where the problem file goes; MODEL.toml here by default"
     )
     first.add_argument("--force", action="store_true", help="write over a file that is there")
+    checked = commands.add_parser(
+        "check",
+        help="say whether new logs still fit what refine found",
+        description="say whether new logs still fit what refine found; exit status 0 it holds, 1 the machine changed",
+    )
+    checked.add_argument("folder", metavar="FOLDER", help="the folder that refine wrote to")
+    checked.add_argument("logs", nargs="+", metavar="LOG", help="new logs, in the order of time")
+    checked.add_argument(
+        "--out", type=_path, metavar="DIR", help="where check.json and check.png go; FOLDER by default"
+    )
+    taken = commands.add_parser(
+        "export",
+        help="take what refine found to where you train",
+        description="take what refine found to where you train: parameters and effects as worlds to draw from",
+    )
+    taken.add_argument("folder", metavar="FOLDER", help="the folder that refine wrote to")
+    taken.add_argument("--to", required=True, choices=EXPORTS, help="where it goes")
+    taken.add_argument("--out", required=True, type=_path, metavar="DIR", help="where the files are written")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command or a training run wrote")
     show.add_argument("--html", action="store_true", help="open the page only")
@@ -177,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 2
         traceback.print_exc()
         print(f"onlinebayes: a fault of onlinebayes, not of your input: {type(error).__name__}", file=sys.stderr)
-        return 1
+        return 3 if arguments.command == "check" else 1  # of a check 1 is an answer
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -191,6 +216,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
         out = arguments.out or f"{Path(arguments.model).stem}.toml"
         return init(arguments.model, arguments.logs, out, arguments.force)
+    if arguments.command == "check":
+        from onlinebayes.cli.check import check_machine
+
+        return check_machine(arguments.folder, arguments.logs, arguments.out)
+    if arguments.command == "export":
+        from onlinebayes.cli.export import take_home
+
+        return take_home(arguments.folder, arguments.to, arguments.out)
     if arguments.command == "next":
         from onlinebayes.cli.next import propose_next
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from onlinebayes.report import NEXT_UNIT, REFINED_FILES, REPORT_FILES, WORLDS
+from onlinebayes.report import NEXT_UNIT, REFINED_FILES, REPORT_FILES
 from onlinebayes.runs import BadInput, DiskFull, Lock, NoLocks
 
-NAMES = (*REPORT_FILES, NEXT_UNIT, WORLDS, *REFINED_FILES)
+NAMES = (*REPORT_FILES, NEXT_UNIT, *REFINED_FILES)
 """All files that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
 
 

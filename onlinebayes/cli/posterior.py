@@ -6,7 +6,6 @@ posterior, with its weight.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +24,7 @@ from onlinebayes.posterior import (
     side_by_side,
     write_posterior,
 )
-from onlinebayes.problems import ProblemFile, load_problem
+from onlinebayes.problems import ProblemFile, load_problem, refined_files
 from onlinebayes.report import POSTERIOR_PAGE, write_posterior_page
 from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line, together, users_memo
 
@@ -77,23 +76,7 @@ def models_of(path: Path) -> tuple[list[Path], list[float]]:
     Raises:
         BadInput: a folder in which ``refine`` left no models, or not those of its report.
     """
-    if not path.is_dir():
-        return [path], [1.0]
-    files = [path / "refined.toml", *(path / f"refined-{k}.toml" for k in range(2, MOST_MODELS + 1))]
-    files = [file for file in files if file.is_file()]
-    if not files:
-        raise BadInput(
-            "holds no refined.toml", "name a problem file, or a folder that refine wrote to", where=str(path)
-        )
-    try:
-        told = json.loads((path / "report.json").read_text("utf-8"))["hypotheses"]
-        weights = [float(one["weight"]) for one in told] or [1.0]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"report.json cannot be read: {error}", "run refine again", where=str(path)) from error
-    if len(weights) != len(files):
-        problem = f"report.json has {len(weights)} models, beside {len(files)} refined problem files"
-        raise BadInput(problem, "run refine again, or name one of the files", where=str(path))
-    return files, weights
+    return refined_files(path) if path.is_dir() else ([path], [1.0])
 
 
 def _inferred(problem: ProblemFile) -> LogPosterior:

@@ -6,6 +6,7 @@ them until the model predicts held-out runs as well as it can. All take built ob
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
 from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.checking import FALSE_ALARMS, Change, Check, Drift, check
 from onlinebayes.criticism.commands import BUDGET_S, compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
@@ -23,7 +24,7 @@ from onlinebayes.criticism.hypotheses.kept_fit import kept_fit
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.hypotheses.weighing import MOST_HYPOTHESES
-from onlinebayes.criticism.mixture import ModelMixture, joined, worlds_of
+from onlinebayes.criticism.mixture import ModelMixture, joined, mixture_of, moments_of, worlds_of
 from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
@@ -59,17 +60,21 @@ from onlinebayes.identification.scope import Scope
 
 __all__ = [
     "BUDGET_S",
+    "FALSE_ALARMS",
     "MOST_HYPOTHESES",
     "MOVES_NOTHING",
     "SCALES_HORIZON",
     "Addition",
     "Allowed",
     "Candidate",
+    "Change",
+    "Check",
     "Criticism",
     "DelayPlace",
     "DelayRecording",
     "DelayStage",
     "Detail",
+    "Drift",
     "DriftSeen",
     "Estimate",
     "Evaluation",
@@ -109,6 +114,7 @@ __all__ = [
     "Wiring",
     "additions",
     "begun_as_read",
+    "check",
     "compare",
     "diagnose",
     "equals",
@@ -122,6 +128,8 @@ __all__ = [
     "held_out_gain",
     "joined",
     "kept_fit",
+    "mixture_of",
+    "moments_of",
     "names_said",
     "next_experiment",
     "next_unit",

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.fleets import fleets_of
+from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of
@@ -90,8 +91,20 @@ def worlds_of(result: Criticism) -> ModelMixture:
     Raises:
         BadInput: the additions of two hypotheses cannot stand beside each other in one simulator.
     """
-    believed = result.hypotheses
-    simulator = joined(unscoped(result.base.simulator), [one.model.simulator for one in believed])
+    return mixture_of(result.base.simulator, result.hypotheses)
+
+
+def mixture_of(base: Identifiable, believed: Sequence[WeightedModel]) -> ModelMixture:
+    """The worlds of weighted models of one machine.
+
+    Args:
+        base: a simulator whose effects and free numbers all of them have.
+        believed: the models; each one's simulator, theta and covariance are read.
+
+    Raises:
+        BadInput: the additions of two models cannot stand beside each other in one simulator.
+    """
+    simulator = joined(unscoped(base), [one.model.simulator for one in believed])
     parts = [embedded(simulator, one.model) for one in believed]
     return ModelMixture(
         simulator,
@@ -100,6 +113,12 @@ def worlds_of(result: Criticism) -> ModelMixture:
         torch.stack([mean for mean, _ in parts]),
         torch.stack([covariance for _, covariance in parts]),
     )
+
+
+def moments_of(model: FittedModel) -> tuple[ParameterSpace, Float[Tensor, " Q"], Float[Tensor, "Q Q"]]:
+    """The parameters of a model's own simulator in the next run or unit: names and bounds, mean, covariance [SI]."""
+    simulator = unscoped(model.simulator)
+    return simulator.parameters, *embedded(simulator, model)
 
 
 def joined(simulator: Identifiable, models: Sequence[Identifiable]) -> Identifiable:

@@ -6,7 +6,21 @@ result = criticise("refine", problem)
 
 from onlinebayes.problems.commands import criticise
 from onlinebayes.problems.factory import import_module
+from onlinebayes.problems.new_logs import check_logs
 from onlinebayes.problems.problem_file import ProblemFile, allowed_in, load_problem
 from onlinebayes.problems.refined import Refined, load_refined
+from onlinebayes.problems.worlds import RefinedModels, load_worlds, refined_files
 
-__all__ = ["ProblemFile", "Refined", "allowed_in", "criticise", "import_module", "load_problem", "load_refined"]
+__all__ = [
+    "ProblemFile",
+    "Refined",
+    "RefinedModels",
+    "allowed_in",
+    "check_logs",
+    "criticise",
+    "import_module",
+    "load_problem",
+    "load_refined",
+    "load_worlds",
+    "refined_files",
+]

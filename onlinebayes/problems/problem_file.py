@@ -92,7 +92,17 @@ def load_problem(
         BadInput: anything in the file, the model or the tables that cannot be used.
     """
     path = Path(path)
-    top = Section(read_toml(path), str(path), known=TOP)
+    return problem_of(read_toml(path), path, add, note)
+
+
+def problem_of(
+    content: Mapping[str, Any],
+    path: Path,
+    add: Sequence[str] = (),
+    note: Callable[[str], None] = lambda _line: None,
+) -> ProblemFile:
+    """:func:`load_problem` of a content that was read from the file, or changed since."""
+    top = Section(content, str(path), known=TOP)
     if (schema := top.whole("schema", 1)) != 1:
         raise top.error("schema", f"version {schema} is unknown", "this version reads schema = 1")
     selection = _selection(top.section("selection", ("folds", "horizon_s", "alpha", "tolerance")))

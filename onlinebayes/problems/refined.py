@@ -8,7 +8,7 @@
     refined.theta                  the fitted values, in the order of its parameters
 
 refined.toml holds the problem, refined-2.toml and so on the other models that the log leaves open, report.json the
-values and how the model was integrated, worlds.json the distribution of the parameters of all these models together.
+values, what is known of them together (:mod:`.worlds`) and how the model was integrated.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ from torch import Tensor
 
 from onlinebayes.criticism import joined, prepare
 from onlinebayes.identification import Integration, address_of, unwrap
-from onlinebayes.inference import TruncatedMixture, saving
+from onlinebayes.inference import TruncatedMixture
 from onlinebayes.problems.control_period import control_period
 from onlinebayes.problems.problem_file import ProblemFile, load_problem
-from onlinebayes.report import REFINED_FILES, WORLDS
+from onlinebayes.problems.worlds import load_worlds
+from onlinebayes.report import REFINED_FILES
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -59,11 +60,9 @@ class Refined:
         """What the log says of the parameters of :meth:`worlds`, correlations and the other models included.
 
         Raises:
-            BadInput: worlds.json is missing, damaged, or of another model.
+            BadInput: report.json is damaged, or of another model, or the log has a fault that was not mended yet.
         """
-        belief = saving.load(self.problem.path.parent / WORLDS, self._simulator.parameters)
-        assert isinstance(belief, TruncatedMixture)
-        return belief
+        return load_worlds(self.problem.path.parent).worlds.belief
 
     @cached_property
     def control_period(self) -> float:

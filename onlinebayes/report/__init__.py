@@ -3,7 +3,9 @@
 The sentences of a report are in ``words``, ``candidate_words`` and ``plan_words``: a terminal says the same.
 """
 
-from onlinebayes.report import candidate_words, plan_words, words
+from onlinebayes.report import candidate_words, check_words, plan_words, words
+from onlinebayes.report.check import FILES as CHECK_FILES
+from onlinebayes.report.check import write_check
 from onlinebayes.report.model_files import left_out, lost
 from onlinebayes.report.picture import write_picture
 from onlinebayes.report.plan import FILES as PLAN_FILES
@@ -16,19 +18,20 @@ from onlinebayes.report.screen_lines import first_screen
 from onlinebayes.report.style import stylesheet
 from onlinebayes.report.svg import Curve, Panel, chart
 from onlinebayes.report.write import FILES as REPORT_FILES
-from onlinebayes.report.write import NEXT_UNIT, WORLDS, write_report
+from onlinebayes.report.write import NEXT_UNIT, write_report
 
 __all__ = [
+    "CHECK_FILES",
     "NEXT_UNIT",
     "PLAN_FILES",
     "POSTERIOR_PAGE",
     "REFINED_FILES",
     "REPORT_FILES",
-    "WORLDS",
     "Curve",
     "Panel",
     "candidate_words",
     "chart",
+    "check_words",
     "first_screen",
     "left_out",
     "lost",
@@ -36,6 +39,7 @@ __all__ = [
     "plan_words",
     "stylesheet",
     "words",
+    "write_check",
     "write_picture",
     "write_plan",
     "write_posterior_page",

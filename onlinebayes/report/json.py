@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism import Candidate, Criticism, ParameterChange, WeightedModel
-from onlinebayes.identification import Estimate, Fleet
+from onlinebayes.criticism import Candidate, Criticism, ParameterChange, WeightedModel, moments_of
+from onlinebayes.identification import Estimate, FittedModel, Fleet
 from onlinebayes.runs.results import machine, versions
 
 SCHEMA = 1
@@ -99,7 +99,25 @@ def _fleet(fleet: Fleet) -> dict[str, Any]:
 
 
 def _hypothesis(one: WeightedModel) -> dict[str, Any]:
-    return {"weight": one.weight, "accepted": one.accepted, "parameters": _estimates(one.model.parameters)}
+    return {
+        "weight": one.weight,
+        "accepted": one.accepted,
+        "parameters": _estimates(one.model.parameters),
+        "belief": _belief(one.model),
+    }
+
+
+def _belief(model: FittedModel) -> dict[str, Any]:
+    """What is known of the parameters together, under the simulator's own names; of runs that differ, the next one."""
+    space, mean, covariance = moments_of(model)
+    sd = covariance.diagonal().clamp_min(0).sqrt()
+    correlation = covariance / (sd[:, None] * sd).clamp_min(1e-300)
+    return {
+        "names": space.names,
+        "mean": mean.tolist(),
+        "sd": sd.tolist(),
+        "correlation": correlation.clamp(-1, 1).fill_diagonal_(1.0).tolist(),
+    }
 
 
 def _change(change: ParameterChange) -> dict[str, Any]:

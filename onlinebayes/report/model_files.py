@@ -7,7 +7,6 @@ user's. The module steps file and missing laws together, in the final model's ow
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +19,7 @@ from onlinebayes.report import words
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.abilities import InFile
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.assets import put_beside
-from onlinebayes.simulators.mujoco.export import to_xml
+from onlinebayes.simulators.mujoco.export import in_folder
 from onlinebayes.simulators.standalone import Setup, module_text
 
 XML, MODULE = "refined.xml", "refined_model.py"
@@ -138,16 +136,10 @@ def _xml(result: Criticism, files: ModelFiles, target: Path) -> tuple[str, dict[
         target: the folder; meshes and textures stay where they are and are found from there.
     """
     spec = files.spec
-    assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
-    if spec.modelfiledir and any(asset.file for asset in assets):
-        for name in ("meshdir", "texturedir"):
-            folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
-            setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
-        spec.modelfiledir = str(target)
-    beside = put_beside(spec, target, ASSETS)
+    text, beside = in_folder(spec, target, ASSETS)
     note = "; ".join(_notes(result, files))
     # "--" would end an XML comment.
-    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}", beside
+    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{text}", beside
 
 
 def _notes(result: Criticism, files: ModelFiles) -> list[str]:

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from onlinebayes.criticism import Criticism, WeightedModel, next_unit, worlds_of
-from onlinebayes.inference import TruncatedMixture, saving
+from onlinebayes.criticism import Criticism, next_unit
+from onlinebayes.inference import saving
 from onlinebayes.report.html import to_html
 from onlinebayes.report.json import to_json
 from onlinebayes.report.model_files import left_out, lost
 from onlinebayes.report.recording import write_recording
 from onlinebayes.report.refined import noted, write_refined
-from onlinebayes.runs import Attempts, BadInput, together, write_atomic
+from onlinebayes.runs import Attempts, together, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")
 """Files that every command writes."""
-
-WORLDS = "worlds.json"
-"""The distribution of the parameters of all models that ``refine`` leaves open, to train in."""
 
 NEXT_UNIT = "next_unit.json"
 """The distribution of the next unit's parameters, where some have one value in every unit."""
@@ -69,10 +66,6 @@ def _write(result: Criticism, folder: Path, title: str, problem: str | Path | No
             lacking, missing = dict(left_out(result)), dict(lost(result))
     page = to_html(result, title=title, refined=refined, left_out=lacking, lost=missing, attempts=noting)
     written = list(refined)
-    if "refined.toml" in refined and (opened := _trained_in(result)) is not None:
-        with noting.attempt(WORLDS):
-            saving.save(_belief(opened), folder / WORLDS)
-            written.append(WORLDS)
     if result.fleet:
         with noting.attempt(NEXT_UNIT):
             saving.save(next_unit(result), folder / NEXT_UNIT)
@@ -87,21 +80,6 @@ def _write(result: Criticism, folder: Path, title: str, problem: str | Path | No
             write(folder / name)
             written.append(name)
     return written
-
-
-def _trained_in(result: Criticism) -> Criticism | None:
-    """The result whose hypotheses are the models that refined.toml and its rivals hold; None without any."""
-    if result.corrected is not None:
-        return replace(result, hypotheses=(WeightedModel(1.0, (), result.corrected),))
-    return result if result.hypotheses and result.wiring is None else None
-
-
-def _belief(result: Criticism) -> TruncatedMixture:
-    """The distribution of the parameters of all models; of the first alone where they cannot stand in one simulator."""
-    try:
-        return worlds_of(result).belief
-    except BadInput:
-        return worlds_of(replace(result, hypotheses=(replace(result.hypotheses[0], weight=1.0),))).belief
 
 
 def _with_failures(result: Criticism, attempts: Attempts) -> Criticism:

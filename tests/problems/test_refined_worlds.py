@@ -64,12 +64,5 @@ def test_models_that_are_left_open_stand_in_one_simulator(folder: Path) -> None:
     assert "add = []" in text
     (out / "refined-2.toml").write_text(text.replace("add = []", 'add = ["quadratic_drag@carriage"]'))
     assert load_refined(out).worlds(1).parameters.names[-1] == "quadratic_drag@carriage.drag"
-    with pytest.raises(BadInput, match="the worlds read"):  # worlds.json is of the first alone
-        _ = load_refined(out).belief
-
-
-def test_without_worlds_json_refine_has_to_be_run_again(folder: Path) -> None:
-    out = refined(folder)
-    (out / "worlds.json").unlink()
-    with pytest.raises(BadInput, match="no such file"):
+    with pytest.raises(BadInput, match="has 1 models, beside 2"):  # report.json is of the first alone
         _ = load_refined(out).belief

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 
 from onlinebayes.simulators.mujoco import possible_moments
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array
+from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.compile_time import written_out
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
 from onlinebayes.simulators.mujoco.foreign import delay_of, not_exportable, samples
@@ -60,6 +62,27 @@ def bodies_with_adjusted_inertia(system: MujocoSystem, theta: np.ndarray) -> tup
     if possible_moments.FIELD not in fields:
         return ()
     return possible_moments.not_rigid(system.model, fields[possible_moments.FIELD][0], system.model.body_inertia)
+
+
+def in_folder(spec: mujoco.MjSpec, target: Path, assets: str) -> tuple[str, dict[str, bytes]]:
+    """The text of a spec for a folder: meshes and textures stay where they are and are found from there.
+
+    Args:
+        spec: changed: its paths start from the folder.
+        target: the folder that the text will lie in.
+        assets: folder within it for files that the spec has in memory.
+
+    Returns:
+        The text, and the files it needs that lie nowhere yet, by their paths from the folder.
+    """
+    files = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
+    if spec.modelfiledir and any(asset.file for asset in files):
+        for name in ("meshdir", "texturedir"):
+            folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
+            setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
+        spec.modelfiledir = str(target)
+    beside = put_beside(spec, target, assets)
+    return to_xml(spec), beside
 
 
 def to_xml(spec: mujoco.MjSpec) -> str:

@@ -312,6 +312,11 @@ class MujocoSimulator(Remakable):
             self._renderers[size] = Renderer(self._system, size)
         return self._renderers[size].picture(theta, state, beside)
 
+    @property
+    def system(self) -> MujocoSystem:
+        """The compiled system with its effects; not to be changed."""
+        return self._system
+
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
         return self._system.write(theta)

@@ -98,7 +98,7 @@ def test_no_window_bridges_a_gap() -> None:
     assert inside[0].tolist() == [True] * 30 + [False] * 20  # the stretch ends at row 130
     assert float(command.max()) == pytest.approx(130.0)
     _, _, past, *_ = _cut(grids[0], torch.tensor([630]), rows=50, history=9, idle=False)
-    assert past[0, :, 0].tolist() == pytest.approx([131.0] * 9)  # the first command after the gap, not the last before it
+    assert past[0, :, 0].tolist() == pytest.approx([131.0] * 9)  # the first after the gap
 
 
 def test_commands_denser_than_the_measurements_do_not_set_the_step() -> None:

@@ -1,0 +1,1 @@
+"""Modules that an export copies beside its worlds.json; each is plain Python that knows nothing of onlinebayes."""
