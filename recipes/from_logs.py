@@ -17,6 +17,8 @@ from envs.driven_pendulum import Protocol
 from onlinebayes.experiments import Options, closing_line, place_of, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
+from onlinebayes.objectives import save_policy
+from onlinebayes.policies import Origin
 from onlinebayes.problems import criticise, load_problem, load_refined
 from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
@@ -73,6 +75,9 @@ def main(settings: Options) -> int:
 
         train(mended, objective, training, seed, after)
     Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "posterior": to_state(posterior)})
+    worlds, task = f"worlds that the log allows: {', '.join(space.names)}", mended.task
+    origin = Origin(type(task).__name__, task.channels, mended.simulator.dt, "PPO", worlds, recipe="from_logs")
+    save_policy(place, policy, origin)
     scores = {**beside, "the mended model": judge(policy)["return"]}
     for name, value in scores.items():
         print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")

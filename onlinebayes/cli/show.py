@@ -29,6 +29,10 @@ CONTENTS = {
     "report.json": "all figures of the report",
     "posterior.json": "all figures of the posterior",
     "belief*.json": "the distribution, to draw from and to train in",
+    "belief.safetensors": "the same, as arrays",
+    "policy.safetensors": "the policy, for onlinebayes.load_policy",
+    "policy.md": "what the policy sees and does, and where it comes from",
+    "best": "the policy of the best step",
 }
 """The other files that a folder may hold -> their contents."""
 

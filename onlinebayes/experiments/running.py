@@ -19,7 +19,7 @@ from onlinebayes.experiments.places import closing_line, place_of
 from onlinebayes.experiments.settings import Settings, recorded_settings
 from onlinebayes.objectives import settings_of
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
-from onlinebayes.trainers import OnlineState, Recording, run_in_folder
+from onlinebayes.trainers import OnlineState, PolicyFiles, Recording, run_in_folder
 
 S = TypeVar("S", bound=Settings)
 
@@ -61,7 +61,9 @@ def in_folder(name: str, made: Run[Any], settings: Settings) -> int:
     with RunFolder(place, name, settings=recorded_settings(settings), objective=objective) as folder:
         kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
         with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
-            state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
+            files = PolicyFiles(place, name, made.trainer.objective, made.problem, settings.worlds_in_words())
+            watchers = (recording, files)
+            state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=watchers)
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return STOPPED

@@ -55,6 +55,10 @@ class Settings(Options):
             return problem.prior
         return Point(truth) if self.kind == "oracle" else None
 
+    def worlds_in_words(self) -> str:
+        """The policy's worlds, where they are not those of the belief; else nothing."""
+        return {"prior": "worlds of the prior", "oracle": "worlds of the truth"}.get(self.kind, "")
+
 
 def workers_of(number: int) -> Workers | None:
     """So many on Ray; None for this process alone. Nothing is started before they are needed."""
