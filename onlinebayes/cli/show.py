@@ -24,6 +24,7 @@ RECORDINGS = "run*.rrd"
 CONTENTS = {
     "run.json": "recipe and settings",
     "log.csv": "one row a step",
+    "seeds.csv": "medians and quartiles over seeds, one row a step",
     "tensorboard": "the same curves for TensorBoard",
     "checkpoint-*": "all that the run needs to go on",
     "report.json": "all figures of the report",
