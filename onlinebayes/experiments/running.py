@@ -21,6 +21,7 @@ from onlinebayes.experiments.places import closing_line, place_of
 from onlinebayes.experiments.seeds import seeds_of, write_seeds
 from onlinebayes.experiments.settings import Settings, recorded_settings
 from onlinebayes.experiments.truth import chosen_values
+from onlinebayes.loggers import loggers_of
 from onlinebayes.objectives import settings_of
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
 from onlinebayes.trainers import OnlineState, PolicyFiles, Recording, run_in_folder
@@ -56,7 +57,8 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     if settings.seeds:
         return each_seed(name, build, settings)
     seed_everything(settings.seed)
-    settings.workers()  # which refuses before there is a folder
+    settings.workers()  # which refuses before there is a folder, as does
+    loggers_of(settings.logger)
     with closing(built(build, settings)) as made:
         return in_folder(name, made, settings)
 
@@ -88,10 +90,11 @@ def in_folder(name: str, made: Run[Any], settings: Settings) -> int:
     place, objective = place_of(name, settings), settings_of(made.trainer.objective)
     with RunFolder(place, name, settings=recorded_settings(settings), objective=objective) as folder:
         kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
-        with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
+        prior, seen, loggers = made.problem.prior, made.seen_by(), loggers_of(settings.logger)
+        with Recording(place, name, prior, seen, made.truth, kinds, infers, loggers=loggers) as recording:
             files = PolicyFiles(place, name, made.trainer.objective, made.problem, settings.worlds_in_words())
             watchers = (recording, files)
-            state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=watchers)
+            state = run_in_folder(made.trainer, prior, folder, judge=made.judge, watchers=watchers)
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return STOPPED

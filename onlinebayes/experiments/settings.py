@@ -39,6 +39,8 @@ class Settings(Options):
     ray_workers: int = 0
     """workers on Ray that step the worlds, of this machine or of the cluster at RAY_ADDRESS; 0: this process does;
     not in every experiment"""
+    logger: Literal["tensorboard", "wandb"] = "tensorboard"
+    """who else is told the curves: TensorBoard, where it is installed, or Weights & Biases"""
     seeds: str = ""
     """a run for each of these, 0..4 or 0,3,7, and a page with their medians and quartiles"""
     truth: Annotated[tuple[str, ...], UseAppendAction] = ()
@@ -89,4 +91,4 @@ def recorded_settings(settings: Settings) -> dict[str, Any]:
     Not where it lies, and no option that was not used: a run is the same in another place, and beside other seeds.
     """
     unused = {name for name in ("ray_workers", "truth", "set") if not getattr(settings, name)}
-    return {key: value for key, value in asdict(settings).items() if key not in {"out", "seeds", *unused}}
+    return {key: value for key, value in asdict(settings).items() if key not in {"out", "logger", "seeds", *unused}}

@@ -50,21 +50,23 @@ class PolicyFiles:
             DiskFull: there is no room.
         """
         origin = self._origin(state)
-        self._attempt(lambda: save_policy(self.folder, self.objective.policy, origin))
+        self._attempt("policy.safetensors", lambda: save_policy(self.folder, self.objective.policy, origin))
         if self._is_best(state):
-            self._attempt(lambda: save_policy(self.folder / "best", self.objective.policy, origin))
+            self._attempt(
+                "policy.safetensors", lambda: save_policy(self.folder / "best", self.objective.policy, origin)
+            )
         if len(state.belief.space):
-            self._attempt(lambda: save(state.belief, self.folder / "belief.safetensors"))
+            self._attempt("belief.safetensors", lambda: save(state.belief, self.folder / "belief.safetensors"))
 
-    def _attempt(self, write: Callable[[], None]) -> None:
+    def _attempt(self, name: str, write: Callable[[], None]) -> None:
         try:
             write()
         except DiskFull:
             raise
         except BadInput as error:
-            if str(error) not in self._told:
-                print(f"not written: {error}", file=sys.stderr, flush=True)
-            self._told.add(str(error))
+            if name not in self._told:
+                print(f"no {name} is written: {error}", file=sys.stderr, flush=True)
+            self._told.add(name)
 
     def _origin(self, state: OnlineState) -> Origin:
         problem, name, record = self.problem, type(self.objective).__name__, state.records[-1]

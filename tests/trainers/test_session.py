@@ -102,5 +102,5 @@ def test_a_policy_that_cannot_be_exported_is_said_once_and_costs_no_run(
         files(state)
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1
-    assert said[0].startswith("not written: a policy with Planner cannot be exported; ")
+    assert said[0].startswith("no policy.safetensors is written: a policy with Planner cannot be exported; ")
     assert {path.name for path in tmp_path.iterdir()} == {"belief.safetensors"}
