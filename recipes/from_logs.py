@@ -17,13 +17,11 @@ from envs.driven_pendulum import Protocol
 from onlinebayes.experiments import Options, closing_line, place_of, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
-from onlinebayes.objectives import save_policy
-from onlinebayes.policies import Origin
 from onlinebayes.problems import criticise, load_problem, load_refined
 from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
-from onlinebayes.trainers import Journal, Policy
+from onlinebayes.trainers import Journal, Policy, PolicyFiles
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
 from recipes.demo.posterior import Rounds, infer
@@ -66,7 +64,9 @@ def main(settings: Options) -> int:
     # A policy for all machines that the log allows.
     mended, objective = learner(simulator, posterior, training, seed)
     shown, policy = player(mended, objective.policy, truth), objective.policy
-    with Journal(place, "from_logs", BoxUniform(space), shown, known(space, truth), beside) as journal:
+    files = PolicyFiles(place, "from_logs", objective, mended)
+    parts = (place, "from_logs", BoxUniform(space), shown, known(space, truth), beside)
+    with Journal(*parts, watchers=(files,)) as journal:
         journal.step("refine", seconds=refining, figures=judge(policy))
         journal.step("belief", seconds=inferring, belief=posterior, figures=judge(policy))
 
@@ -75,9 +75,6 @@ def main(settings: Options) -> int:
 
         train(mended, objective, training, seed, after)
     Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "posterior": to_state(posterior)})
-    worlds, task = f"worlds that the log allows: {', '.join(space.names)}", mended.task
-    origin = Origin(type(task).__name__, task.channels, mended.simulator.dt, "PPO", worlds, recipe="from_logs")
-    save_policy(place, policy, origin)
     scores = {**beside, "the mended model": judge(policy)["return"]}
     for name, value in scores.items():
         print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")

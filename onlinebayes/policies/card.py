@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 from onlinebayes.policies.network import PolicyNetwork
-from onlinebayes.runs import BadInput, commit, versions
+from onlinebayes.runs import commit, versions
 
 Channels = Mapping[str, Mapping[str, str]]
 """Observed key, or ``"action"`` -> name -> unit of each column; of each choice, where the action is discrete."""
@@ -142,8 +142,7 @@ KINDS = {
 def card_of(network: PolicyNetwork, origin: Origin) -> PolicyCard:
     """The card of a network: the names that the task gives its columns, numbered ones where it gives none.
 
-    Raises:
-        BadInput: the task names another number of columns than the network has.
+    Numbered are the columns of an array, too, that a transform between task and policy has made wider or narrower.
     """
     seen = [channel for key, width in network.inputs.items() for channel in _channels(key, width, origin.channels)]
     done = _channels("action", network.outputs, origin.channels)
@@ -155,11 +154,9 @@ def card_of(network: PolicyNetwork, origin: Origin) -> PolicyCard:
 
 
 def _channels(key: str, width: int, channels: Channels) -> list[Channel]:
-    known = channels.get(key, {f"{key}.{k}": "" for k in range(width)})
+    known = channels.get(key, {})
     if len(known) != width:
-        raise BadInput(
-            f"the task names {len(known)} columns of {key!r}, the policy has {width}", "name each of them in channels"
-        )
+        known = {f"{key}.{k}": "" for k in range(width)}
     return [Channel(name, unit, key) for name, unit in known.items()]
 
 

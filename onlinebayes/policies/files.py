@@ -44,7 +44,9 @@ def read_policy(folder: str | Path) -> tuple[PolicyNetwork, PolicyCard]:
         path = path / FILE
         if not path.is_file():
             raise BadInput(
-                f"holds no {FILE}", "name the folder of a training run that says it was written", where=str(folder)
+                f"holds no {FILE}",
+                "give the folder of a training run; a run says so where its policy cannot be exported",
+                where=str(folder),
             )
     arrays, about = read_arrays(path, CONTENT)
     try:

@@ -122,11 +122,10 @@ def test_the_card_says_what_it_sees_and_does(tmp_path: Path) -> None:
     assert PolicyCard.from_plain(json.loads(json.dumps(card.to_plain()))) == card
 
 
-def test_a_task_that_names_too_few_columns_is_refused(tmp_path: Path) -> None:
-    short = Origin("task", {"action": {"push": "N"}})
-    with pytest.raises(BadInput, match="names 1 columns of 'action', the policy has 2; name each"):
-        save_policy(tmp_path, make("sac").policy, short)
-    assert not list(tmp_path.iterdir())
+def test_columns_that_a_transform_has_added_get_numbers(tmp_path: Path) -> None:
+    _, loaded = saved("ddpg", tmp_path, Origin("task", {**CHANNELS, "observation": {"angle": "rad"}}))
+    names = [channel.name for channel in loaded.card.observation]
+    assert names == [*(f"observation.{k}" for k in range(5)), "goal x", "goal y"]
 
 
 def test_columns_of_one_name_are_told_apart_by_their_arrays(tmp_path: Path) -> None:
@@ -173,7 +172,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda path: write_arrays(path, "onlinebayes policy", {"a": np.zeros(2)}, {"network": {}, "card": {}}),
         "is damaged: 'inputs'",
     ),
-    "removed": (lambda path: path.unlink(), "holds no policy.safetensors; name the folder of a training run"),
+    "removed": (lambda path: path.unlink(), "holds no policy.safetensors; give the folder of a training run"),
 }
 
 
