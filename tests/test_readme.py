@@ -43,7 +43,7 @@ def test_the_second_example_learns_to_balance(tmp_path: Path) -> None:
 
 
 def run(code: str, folder: Path) -> str:
-    """What a script prints; warnings are errors, but for the one that torchrl raises at its own import."""
+    """The output of a script; warnings are errors, but for the one that torchrl raises at its own import."""
     script = folder / "example.py"
     script.write_text(code)
     command = [sys.executable, "-W", "error", "-W", "ignore:Creating:DeprecationWarning", script]

@@ -27,7 +27,7 @@ def tensorboard(folder: str | Path) -> list[Logger]:
 
 
 def loggers_of(kind: str) -> Loggers:
-    """What makes the loggers of a kind, ``"tensorboard"`` or ``"wandb"``.
+    """The maker of the loggers of a kind, ``"tensorboard"`` or ``"wandb"``.
 
     Raises:
         BadInput: another kind, or wandb is asked for and not installed.

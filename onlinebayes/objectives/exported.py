@@ -73,7 +73,7 @@ def exported(policy: nn.Module) -> PolicyNetwork:
 
 
 class _Head:
-    """What a policy does with the outputs of its network.
+    """The step from the outputs of a policy's network to its action.
 
     Args:
         distribution: over actions; None for a policy that acts as the network says.

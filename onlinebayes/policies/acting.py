@@ -147,7 +147,7 @@ def _through(layers: list[tuple[np.ndarray, np.ndarray, Function | None]], x: np
 
 
 def _finished(network: PolicyNetwork) -> Function:
-    """What makes an action of the last layer's outputs."""
+    """The step from the last layer's outputs to the action."""
     if network.action == "plain":
         return lambda u: u
     if network.action == "index":

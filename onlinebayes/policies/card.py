@@ -37,7 +37,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a policy comes from.
+    """The origin of a policy: task, worlds, learning.
 
     Args:
         task: that it was trained for.

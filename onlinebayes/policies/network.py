@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 ACTIVATIONS = ("", "elu", "leaky_relu", "relu", "sigmoid", "silu", "tanh")
-"""What may stand between layers; nothing for a linear one."""
+"""Names of the activations between layers; empty for a linear one."""
 ACTIONS = ("bounded", "one-hot", "index", "plain")
 
 

@@ -1,4 +1,4 @@
-"""How long a trained policy of 2 x 64 units takes for an action, in numpy and through its TensorDict modules."""
+"""Time that a policy of 2 x 64 units takes for an action, in numpy and through its TensorDict modules."""
 
 from __future__ import annotations
 
