@@ -122,6 +122,17 @@ class AcrobotTask(Task):
     """
 
     observation_size = 6
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {
+            "cos angle 1": "",
+            "sin angle 1": "",
+            "cos angle 2": "",
+            "sin angle 2": "",
+            "rate 1": "rad/s",
+            "rate 2": "rad/s",
+        },
+        "action": {"torque -1 N m": "", "no torque": "", "torque 1 N m": ""},
+    }
 
     def __init__(self, horizon: int = 500) -> None:
         self.horizon = horizon

@@ -94,6 +94,10 @@ class CartPoleTask(Task):
     """
 
     observation_size = 4
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"position": "m", "velocity": "m/s", "angle": "rad", "rate": "rad/s"},
+        "action": {"push left": "", "push right": ""},
+    }
     max_position = 2.4  # [m]
     max_angle = 12 * 2 * math.pi / 360  # [rad]
     spread = 0.05  # of each coordinate at the start, uniform around zero

@@ -104,6 +104,10 @@ class MountainCarTask(Task):
     """
 
     observation_size = 2
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"position": "", "velocity": ""},
+        "action": {"push left": "", "no push": "", "push right": ""},
+    }
     goal = 0.5
 
     def __init__(self, horizon: int = 200) -> None:
@@ -141,6 +145,10 @@ class MountainCarContinuousTask(Task):
     """
 
     observation_size = 2
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"position": "", "velocity": ""},
+        "action": {"throttle": ""},
+    }
     goal = 0.45
 
     def __init__(self, horizon: int = 999) -> None:

@@ -79,6 +79,10 @@ class PendulumTask(Task):
     """
 
     observation_size = 3
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"cos angle": "", "sin angle": "", "rate": "rad/s"},
+        "action": {"torque": "N m"},
+    }
 
     def __init__(self, horizon: int = 200) -> None:
         self.horizon = horizon

@@ -6,6 +6,7 @@
     result = onlinebayes.criticise("refine", problem)           # what is missing in the model, as `onlinebayes refine`
     onlinebayes.write_report(result, "out/refine")              # report.html, report.json, run.rrd, refined.toml
     worlds = onlinebayes.worlds_of(result)                      # what the logs leave open, to train a policy in
+    policy = onlinebayes.load_policy("out/pendulum-online-0")   # of a training run: policy.act(observation), in numpy
 
 Without files: ``refine(simulator, measurement)``, ``posterior_of_log(simulator, measurement)``,
 ``next_experiment(result, fit_runs)``. All else is imported from its room: ``from onlinebayes.parameters import
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from onlinebayes.criticism import compare, next_experiment, refine, worlds_of
+    from onlinebayes.policies import load_policy
     from onlinebayes.posterior import posterior_of_log
     from onlinebayes.problems import criticise, load_problem
     from onlinebayes.report import write_report
@@ -28,6 +30,7 @@ __version__ = "0.1.0"
 __all__ = [
     "compare",
     "criticise",
+    "load_policy",
     "load_problem",
     "next_experiment",
     "posterior_of_log",
@@ -39,6 +42,7 @@ __all__ = [
 _ROOMS = {
     "compare": "criticism",
     "criticise": "problems",
+    "load_policy": "policies",
     "load_problem": "problems",
     "next_experiment": "criticism",
     "posterior_of_log": "posterior",

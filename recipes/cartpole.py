@@ -39,8 +39,8 @@ def state(observation: Tensor) -> TensorDict:
 def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(CartPole(space), CartPoleTask(), BoxUniform(space), settings.noise * RANGE)
-    truth = hidden_truth(space, settings.seed, {name: DEFAULT[name] for name in space.names})
-    objective = ppo(*problem.specs, PPOSettings(epochs=10))
+    truth = hidden_truth(space, settings.seed, {name: DEFAULT[name] for name in space.names}, settings.truth)
+    objective = ppo(*problem.specs, settings.learning(PPOSettings(epochs=10)))
     steps, batches, simulations, epochs = (2, 2, 150, 10) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

@@ -82,7 +82,7 @@ def build(settings: ChangingSettings) -> Run:
         problem.hidden(light, settings.seed + 2000), problem.hidden(heavy, settings.seed + 2001), settings.before
     )
     learning = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000)
-    objective = sac(*problem.specs, learning)
+    objective = sac(*problem.specs, settings.learning(learning))
     batches, simulations, groups, epochs = (1, 300, 24, 25) if settings.short else (10, 300, 64, 25)
     real_steps = 25 if settings.short else 50  # the filter's time grows with it
     schedule = settings.schedule(settings.before + settings.after, batches, real_steps=real_steps)
@@ -110,7 +110,7 @@ def build(settings: ChangingSettings) -> Run:
 def main(settings: ChangingSettings) -> int:
     """0 where the belief holds the heavy pendulum, and the log says after which trajectory it became that."""
     code = run(NAME, build, settings)
-    if code or settings.kind != "online":
+    if code or settings.kind != "online" or settings.seeds:
         return code
     log = (place_of(NAME, settings) / "log.csv").read_text(encoding="utf-8")
     said = f"the machine changed after trajectory {settings.before} " in log

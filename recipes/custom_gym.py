@@ -20,7 +20,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import GymWrapper
 
-from envs.pendulum import MAX_SPEED, Pendulum
+from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
 from onlinebayes import experiments
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
 from onlinebayes.experiments import Run, hidden_truth, main
@@ -76,10 +76,11 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
 
 def build(settings: Settings) -> Run[EnvProblem]:
     """The whole composition: environment, prior, sensors, objective, estimator, real system, trainer."""
-    problem = EnvProblem(pendulum, BoxUniform(SPACE), 200, settings.noise * RANGE)
-    truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 0.8})
+    noise = settings.noise * RANGE
+    problem = EnvProblem(pendulum, BoxUniform(SPACE), 200, noise, name="Pendulum-v1", channels=PendulumTask.channels)
+    truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 0.8}, settings.truth)
     learning = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
-    objective = sac(*problem.specs, learning)
+    objective = sac(*problem.specs, settings.learning(learning))
     steps, batches, simulations = (2, 2, 320) if settings.short else (4, 40, 480)
     workers = settings.workers()
     trainer = online_trainer(

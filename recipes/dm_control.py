@@ -60,9 +60,11 @@ def build(settings: Settings) -> Run[EnvProblem]:
     make = partial(suite, settings.task, space)
     shipped, dt = make().reset()["theta"], make().inner.control_timestep()
     horizon = 200 if settings.short else 1000
-    problem = EnvProblem(make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2)
+    problem = EnvProblem(
+        make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2, name=settings.task
+    )
     learning = SACSettings(normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
-    objective = sac(*problem.specs, learning)
+    objective = sac(*problem.specs, settings.learning(learning))
     steps, batches = (2, 4) if settings.short else (8, 50)
     workers = settings.workers()
     trainer = online_trainer(

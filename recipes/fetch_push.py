@@ -107,11 +107,11 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
         demonstrations=settings.demonstrations,
         memory=MEMORY,
     )
-    learner = objective(made, learning)
+    learner = objective(made, settings.learning(learning))
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
     own = float(made.exact.simulator.nominal.clamp(settings.low, settings.high))
-    truth = hidden_truth(space, settings.seed, {FRICTION: own})
+    truth = hidden_truth(space, settings.seed, {FRICTION: own}, settings.truth)
     schedule = replace(settings.schedule(much.steps, much.batches, real_steps=STEPS), first_batches=much.first)
     trainer = online_trainer(
         made.exact,

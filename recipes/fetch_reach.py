@@ -35,7 +35,7 @@ class Settings(experiments.Settings):
 def build(settings: Settings) -> Run:
     """The whole composition: worlds, objective, trainer."""
     made = fetch("reach", ParameterSpace({}))
-    learner = objective(made, replace(LEARNING, frames_per_update=8))
+    learner = objective(made, settings.learning(replace(LEARNING, frames_per_update=8)))
     truth = made.exact.simulator.nominal
     trainer = online_trainer(
         made.exact,

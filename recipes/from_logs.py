@@ -21,7 +21,7 @@ from onlinebayes.problems import criticise, load_problem, load_refined
 from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
-from onlinebayes.trainers import Journal, Policy
+from onlinebayes.trainers import Journal, Policy, PolicyFiles
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
 from recipes.demo.posterior import Rounds, infer
@@ -64,7 +64,9 @@ def main(settings: Options) -> int:
     # A policy for all machines that the log allows.
     mended, objective = learner(simulator, posterior, training, seed)
     shown, policy = player(mended, objective.policy, truth), objective.policy
-    with Journal(place, "from_logs", BoxUniform(space), shown, known(space, truth), beside) as journal:
+    files = PolicyFiles(place, "from_logs", objective, mended)
+    parts = (place, "from_logs", BoxUniform(space), shown, known(space, truth), beside)
+    with Journal(*parts, watchers=(files,)) as journal:
         journal.step("refine", seconds=refining, figures=judge(policy))
         journal.step("belief", seconds=inferring, belief=posterior, figures=judge(policy))
 

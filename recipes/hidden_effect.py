@@ -35,6 +35,7 @@ from onlinebayes.trainers import (
     OnlineState,
     OnlineTrainer,
     Point,
+    PolicyFiles,
     Problem,
     RealEnvironment,
     RealSystem,
@@ -188,7 +189,9 @@ def main(settings: Settings) -> int:
             further=parts.further,
         )
         with recording:
-            state = run_in_folder(parts.trainer, parts.begun.prior, folder, judge=parts.judge, watchers=(recording,))
+            files = PolicyFiles(place, "hidden_effect", parts.objective, parts.begun)
+            watchers = (recording, files)
+            state = run_in_folder(parts.trainer, parts.begun.prior, folder, judge=parts.judge, watchers=watchers)
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return STOPPED

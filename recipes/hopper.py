@@ -29,7 +29,7 @@ from onlinebayes.inference import (
     PosteriorEstimator,
     fit,
 )
-from onlinebayes.objectives import PPO, PPOSettings, ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator
@@ -75,9 +75,9 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
     return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
 
 
-def learning(problem: Problem, worlds: int, steps: int) -> PPO:
+def learning(worlds: int, steps: int) -> PPOSettings:
     """PPO on batches of ``worlds`` x ``steps`` frames, its learning rate as high as the divergence allows."""
-    settings = PPOSettings(
+    return PPOSettings(
         normalise=True,
         frames_per_batch=worlds * steps,
         minibatch=2048,
@@ -88,7 +88,6 @@ def learning(problem: Problem, worlds: int, steps: int) -> PPO:
         lmbda=0.97,
         target_kl=0.03,
     )
-    return ppo(*problem.specs, settings)
 
 
 def build(settings: Settings) -> Run:
@@ -97,9 +96,9 @@ def build(settings: Settings) -> Run:
     prior, sd = BoxUniform(space), settings.noise * RANGE
     problem = Problem(standard_hopper(space, threads=1, quick=True, firm=True), standard_task(), prior, sd)
     machine = Problem(engine_of(settings.real, space), standard_task(), prior, sd)
-    truth = hidden_truth(space, settings.seed, {FRICTION: TRUTH})
+    truth = hidden_truth(space, settings.seed, {FRICTION: TRUTH}, settings.truth)
     sizes = Sizes(worlds=256, batch_steps=32, simulations=200 if settings.short else 1000, groups=48)
-    objective = learning(problem, sizes.worlds, sizes.batch_steps)
+    objective = ppo(*problem.specs, settings.learning(learning(sizes.worlds, sizes.batch_steps)))
     steps, batches, epochs = (2, 2, 8) if settings.short else (8, 75, 25)
     trainer = online_trainer(
         problem,

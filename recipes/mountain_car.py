@@ -35,9 +35,9 @@ def state(observation: Tensor) -> TensorDict:
 def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(MountainCar(SPACE), MountainCarTask(), BoxUniform(SPACE), settings.noise * RANGE)
-    truth = hidden_truth(SPACE, settings.seed, {"force": 0.001})
+    truth = hidden_truth(SPACE, settings.seed, {"force": 0.001}, settings.truth)
     learning = PPOSettings(normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024)
-    objective = ppo(*problem.specs, learning)
+    objective = ppo(*problem.specs, settings.learning(learning))
     steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

@@ -40,8 +40,8 @@ def state(observation: Tensor) -> TensorDict:
 def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(Pendulum(SPACE), PendulumTask(), BoxUniform(SPACE), settings.noise * RANGE)
-    truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 1.0})
-    objective = sac(*problem.specs, LEARNING)
+    truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 1.0}, settings.truth)
+    objective = sac(*problem.specs, settings.learning(LEARNING))
     steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

@@ -25,6 +25,8 @@ SPACE = PHYSICAL.subspace(["joint.elbow.damping", "actuator.elbow.gear"])
 # Of cosines and sines, rates [rad/s] and fingertip [m], to which sensor noise is relative; goals are known exactly.
 RANGE = torch.tensor((*[2.0] * 6, *[6.0] * 3, *[1.2] * 3))
 
+LEARNING = DDPGSettings(widths=(64, 64, 64), gamma=0.9, value_range=(-10.0, 0.0), action_penalty=0.1)
+
 
 def state(observation: Tensor) -> TensorDict:
     """The state behind an observation (M, 12): the angles of their cosines and sines."""
@@ -43,10 +45,10 @@ def build(settings: Settings) -> Run:
     task = ReachTask()
     problem = Problem(arm(SPACE, threads=1), task, BoxUniform(SPACE), settings.noise * RANGE)
     default = dict(zip(SPACE.names, problem.simulator.nominal.tolist(), strict=True))
-    truth = hidden_truth(SPACE, settings.seed, default)
+    truth = hidden_truth(SPACE, settings.seed, default, settings.truth)
     objective = ddpg(
         *problem.specs,
-        DDPGSettings(widths=(64, 64, 64), gamma=0.9, value_range=(-10.0, 0.0), action_penalty=0.1),
+        settings.learning(LEARNING),
         in_keys=["observation", "desired_goal"],
         hindsight=Hindsight(task.goal_reward),
     )

@@ -89,7 +89,9 @@ def composed(settings: Settings, truth: Tensor, steps: int) -> Run:
 
 def build(settings: Settings) -> Run:
     """The run, which has to beat the plans for the prior."""
-    truth = hidden_truth(SPACE, settings.seed, {"radius": 0.0625, "axial_distance": 0.475, "x_icr": 0.2})
+    truth = hidden_truth(
+        SPACE, settings.seed, {"radius": 0.0625, "axial_distance": 0.475, "x_icr": 0.2}, settings.truth
+    )
     made = composed(settings, truth, steps=2 if settings.short else 3)
     if settings.kind == "prior":
         return made

@@ -26,7 +26,7 @@ from onlinebayes.objectives import PPO
 from onlinebayes.problems import criticise, load_problem
 from onlinebayes.report import write_report
 from onlinebayes.runs import generator, seed_everything
-from onlinebayes.trainers import Journal, Problem, collector_of, improve
+from onlinebayes.trainers import Journal, PolicyFiles, Problem, collector_of, improve
 from onlinebayes.transforms import Distribution, ParameterRandomization
 from recipes.demo.measure import hidden_truth, write_problem
 from recipes.demo.policy import Training, balance_ppo, player, training_worlds
@@ -58,7 +58,9 @@ def main(settings: Options) -> int:
         policies[name] = balance_ppo(problem, training, seed)
         list(trained(policies[name], problem, models.alone(k), training, seed))
     policies["all of them"] = both = balance_ppo(problem, training, seed)
-    with Journal(place, "tie", BoxUniform(models.space), player(problem, both.policy, hidden_truth(seed))) as journal:
+    shown, open_models = player(problem, both.policy, hidden_truth(seed)), f"worlds of {' and '.join(models.names)}"
+    files = PolicyFiles(place, "tie", both, problem, open_models)
+    with Journal(place, "tie", BoxUniform(models.space), shown, watchers=(files,)) as journal:
         for frames, losses in trained(both, problem, models, training, seed):
             journal.step("policy", frames=frames, losses=losses, figures={"return": worst(problem, both, models)})
 

@@ -9,6 +9,7 @@ knows only a prompt motor learns to react hard, and a delay of a few control per
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from jaxtyping import Bool, Float
@@ -32,6 +33,11 @@ class BalanceTask(Task):
         angle: farthest start from upright [rad].
         speed: greatest speed at the start [rad/s].
     """
+
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"cos angle": "", "sin angle": "", "rate": "10 rad/s"},
+        "action": {"torque": "of the motor's limit"},
+    }
 
     def __init__(
         self,

@@ -9,6 +9,7 @@ what the camera did: the log falls into stretches, which begin anew with their o
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -35,6 +36,7 @@ class BatteryLog(Task):
     """
 
     observation_size = 1
+    channels: Mapping[str, Mapping[str, str]] = {"observation": {"charge": "mAh"}, "action": {"camera's share": ""}}
 
     def __init__(self, horizon: int = 20, charge: tuple[float, float] = (CAPACITY / 2, CAPACITY)) -> None:
         self.horizon, self.charge = horizon, charge

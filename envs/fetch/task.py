@@ -75,6 +75,7 @@ class FetchTask(Task):
             "desired_goal": 3,
         }
         self.action_spec = Bounded(-1.0, 1.0, shape=(4,), dtype=torch.float32)
+        self.channels = _channels(scene.object_column is not None)
 
     def start(self, theta: Float[Tensor, "n P"], generator: torch.Generator) -> TensorDict:
         """The scene's posture; the object anywhere around the gripper but under it, the goal anywhere in its square."""
@@ -160,6 +161,30 @@ class FetchTask(Task):
 def _square(n: int, width: int, like: Tensor, generator: torch.Generator) -> Float[Tensor, "n width"]:
     """Uniform in -1 .. 1."""
     return 2 * torch.rand(n, width, dtype=like.dtype, device=like.device, generator=generator) - 1
+
+
+def _channels(has_object: bool) -> Mapping[str, Mapping[str, str]]:
+    """Names and units of all columns, in their order."""
+    way, fingers = f"m per {STEP:g} s", ("right finger", "left finger")
+    place, opening = {f"gripper {axis}": "m" for axis in "xyz"}, dict.fromkeys(fingers, "m")
+    moving = {**{f"gripper velocity {axis}": way for axis in "xyz"}, **{f"{each} velocity": way for each in fingers}}
+    seen = {**place, **opening, **moving}
+    if has_object:
+        seen = {
+            **place,
+            **{f"{what} {axis}": "m" for what in ("object", "object - gripper") for axis in "xyz"},
+            **opening,
+            **{f"object Euler angle {axis}": "rad" for axis in "xyz"},
+            **{f"object - gripper velocity {axis}": way for axis in "xyz"},
+            **{f"object angular velocity {axis}": f"rad per {STEP:g} s" for axis in "xyz"},
+            **moving,
+        }
+    return {
+        "observation": seen,
+        "achieved_goal": {f"reached {axis}": "m" for axis in "xyz"},
+        "desired_goal": {f"goal {axis}": "m" for axis in "xyz"},
+        "action": {**{f"way {axis}": "5 cm" for axis in "xyz"}, "opening (locked)": ""},
+    }
 
 
 def motion(observation: Float[Tensor, "*batch 25"]) -> Float[Tensor, "*batch 12"]:

@@ -5,6 +5,8 @@ r = v_x + 1 - 0.001 sum(u^2),     v_x the torso's mean velocity over the step [m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
@@ -32,6 +34,16 @@ class HopperTask(Task):
     """
 
     observation_size = 11
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {
+            "z": "m",
+            **{f"{joint} angle": "rad" for joint in ("pitch", "hip", "knee", "ankle")},
+            "x velocity": "m/s",
+            "z velocity": "m/s",
+            **{f"{joint} rate": "rad/s" for joint in ("pitch", "hip", "knee", "ankle")},
+        },
+        "action": {f"{joint} motor": "of its limit" for joint in ("hip", "knee", "ankle")},
+    }
 
     def __init__(
         self, horizon: int = 1000, upright: float = 0.0, fallen: float = FALLEN, tilted: float = TILTED

@@ -34,6 +34,9 @@ TOLERANCE = 0.025
 GREEN = (0.25, 0.65, 0.35, 1.0)
 
 
+JOINTS = ("yaw", "shoulder", "elbow")
+
+
 class ReachTask(Task):
     """Reach a goal in 50 steps of 0.04 s.
 
@@ -52,6 +55,16 @@ class ReachTask(Task):
 
     observation_size = 12
     observation_sizes: Mapping[str, int] = {"observation": 12, "achieved_goal": 3, "desired_goal": 3}
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {
+            **{f"{function} {joint}": "" for function in ("cos", "sin") for joint in JOINTS},
+            **{f"{joint} rate": "rad/s" for joint in JOINTS},
+            **{f"fingertip {axis}": "m" for axis in "xyz"},
+        },
+        "achieved_goal": {f"reached {axis}": "m" for axis in "xyz"},
+        "desired_goal": {f"goal {axis}": "m" for axis in "xyz"},
+        "action": {f"{joint} motor": "of its limit" for joint in JOINTS},
+    }
     goal_size = 3
 
     def __init__(self, horizon: int = 50, tolerance: float = TOLERANCE) -> None:

@@ -9,6 +9,7 @@ that of the tracked point: a robot whose centre of rotation is displaced could g
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from jaxtyping import Bool, Float
@@ -33,6 +34,10 @@ class CircleTask(Task):
     """
 
     observation_size = 3
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"x": "m", "y": "m", "yaw": "rad"},
+        "action": {"right wheels": "rad/s", "left wheels": "rad/s"},
+    }
 
     def __init__(self, radius: float = 1.0, speed: float = 0.15, horizon: int = 200) -> None:
         self.radius, self.speed, self.horizon = radius, speed, horizon

@@ -9,6 +9,7 @@ hangs at the start. Nothing ends the episode: a reward below zero that could be 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from jaxtyping import Bool, Float
@@ -29,6 +30,10 @@ class SwingUpTask(Task):
     """
 
     observation_size = 5
+    channels: Mapping[str, Mapping[str, str]] = {
+        "observation": {"position": "m", "velocity": "m/s", "cos angle": "", "sin angle": "", "rate": "rad/s"},
+        "action": {"push": "of the greatest"},
+    }
     spread = 0.1  # of each coordinate at the start, uniform around the pole hanging at rest [m, rad, m/s, rad/s]
 
     def __init__(self, horizon: int = 125) -> None:

@@ -24,11 +24,16 @@ RECORDINGS = "run*.rrd"
 CONTENTS = {
     "run.json": "recipe and settings",
     "log.csv": "one row a step",
+    "seeds.csv": "medians and quartiles over seeds, one row a step",
     "tensorboard": "the same curves for TensorBoard",
     "checkpoint-*": "all that the run needs to go on",
     "report.json": "all figures of the report",
     "posterior.json": "all figures of the posterior",
     "belief*.json": "the distribution, to draw from and to train in",
+    "belief.safetensors": "the same, as arrays",
+    "policy.safetensors": "the policy, for onlinebayes.load_policy",
+    "policy.md": "what the policy sees and does, and where it comes from",
+    "best": "the policy of the best step",
 }
 """The other files that a folder may hold -> their contents."""
 

@@ -14,9 +14,10 @@ def place_of(name: str, settings: Options) -> Path:
 
 
 def folder_of(name: str, settings: Options) -> str:
-    """Name of a run's folder: experiment, kind of run where there are several, seed."""
+    """Name of a run's folder: experiment, kind of run where there are several, seed; of several runs' common one."""
     kind = [settings.kind] if isinstance(settings, Settings) else []
-    return "-".join([name, *kind, str(settings.seed), *["short"] * settings.short])
+    seeds = "seeds" if isinstance(settings, Settings) and settings.seeds else str(settings.seed)
+    return "-".join([name, *kind, seeds, *["short"] * settings.short])
 
 
 def closing_line(place: Path) -> str:

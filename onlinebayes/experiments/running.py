@@ -9,17 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from onlinebayes.experiments.baselines import baselines
 from onlinebayes.experiments.command import STOPPED, status
 from onlinebayes.experiments.composition import Run
 from onlinebayes.experiments.places import closing_line, place_of
+from onlinebayes.experiments.seeds import seeds_of, write_seeds
 from onlinebayes.experiments.settings import Settings, recorded_settings
+from onlinebayes.experiments.truth import chosen_values
+from onlinebayes.loggers import loggers_of
 from onlinebayes.objectives import settings_of
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
-from onlinebayes.trainers import OnlineState, Recording, run_in_folder
+from onlinebayes.trainers import OnlineState, PolicyFiles, Recording, run_in_folder
 
 S = TypeVar("S", bound=Settings)
 
@@ -49,10 +54,35 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     Raises:
         BadInput: the folder holds a run with other settings, or workers are asked of a run that has none.
     """
+    if settings.seeds:
+        return each_seed(name, build, settings)
     seed_everything(settings.seed)
-    settings.workers()  # which refuses before there is a folder
+    settings.workers()  # which refuses before there is a folder, as does
+    loggers_of(settings.logger)
     with closing(built(build, settings)) as made:
         return in_folder(name, made, settings)
+
+
+def each_seed(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
+    """A run for each seed in one folder, with a page of all; returns 0 where every run does what it promises.
+
+    Raises:
+        BadInput: seeds that cannot be read, or a seed beside them; and as :func:`run`.
+    """
+    if settings.seed:
+        raise BadInput(f"--seed {settings.seed} beside --seeds {settings.seeds}", "give one of them")
+    place, seeds, code, folders = place_of(name, settings), seeds_of(settings.seeds), 0, dict[int, Path]()
+    for k, seed in enumerate(seeds):
+        print(f"seed {seed}, run {k + 1} of {len(seeds)}", flush=True)
+        one = replace(settings, seed=seed, seeds="", out=str(place))
+        code = max(code, run(name, build, one))
+        if code == STOPPED:
+            return STOPPED
+        folders[seed] = place_of(name, one)
+        said = write_seeds(place, name, folders)
+    print(said)
+    print(closing_line(place))
+    return code
 
 
 def in_folder(name: str, made: Run[Any], settings: Settings) -> int:
@@ -60,8 +90,11 @@ def in_folder(name: str, made: Run[Any], settings: Settings) -> int:
     place, objective = place_of(name, settings), settings_of(made.trainer.objective)
     with RunFolder(place, name, settings=recorded_settings(settings), objective=objective) as folder:
         kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
-        with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
-            state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
+        prior, seen, loggers = made.problem.prior, made.seen_by(), loggers_of(settings.logger)
+        with Recording(place, name, prior, seen, made.truth, kinds, infers, loggers=loggers) as recording:
+            files = PolicyFiles(place, name, made.trainer.objective, made.problem, settings.worlds_in_words())
+            watchers = (recording, files)
+            state = run_in_folder(made.trainer, prior, folder, judge=made.judge, watchers=watchers)
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return STOPPED
@@ -75,9 +108,15 @@ def built(build: Callable[[S], Run[Any]], settings: S) -> Run[Any]:
     """The run.
 
     Raises:
-        BadInput: Ray is asked of an experiment that does without.
+        BadInput: Ray, a truth or settings are asked of an experiment that does without.
     """
     made = build(settings)
+    chosen = chosen_values(made.problem.prior.space, settings.truth)
+    if any(float(made.truth[made.problem.prior.space.names.index(name)]) != value for name, value in chosen.items()):
+        raise BadInput("the hidden system of this experiment is its own", "leave out --truth")
+    learns_by = getattr(made.trainer.objective, "settings", None)
+    if settings.set and (learns_by is None or settings.learning(learns_by) != learns_by):
+        raise BadInput("this experiment takes no settings of what learns", "leave out --set")
     if settings.ray_workers and made.workers is None:
         raise BadInput("this experiment steps its worlds in one process", "leave out --ray-workers")
     return made

@@ -2,9 +2,10 @@
 
     save(posterior, "pole.json");    posterior = load("pole.json")
 
-A file is text (JSON): names, bounds and units of the parameters, the distribution, and a checksum of both. As plain
-values a distribution is a dictionary of tensors, numbers and strings; a tag tells which it was. What is drawn after
-loading is what would have been drawn before, to the last bit.
+A file is text (JSON): names, bounds and units of the parameters, the distribution, and a checksum of both. A path that
+ends in ``.safetensors`` gives the same as arrays in that format. As plain values a distribution is a dictionary of
+tensors, numbers and strings; a tag tells which it was. What is drawn after loading is what would have been drawn
+before, to the last bit.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from onlinebayes.inference.base import Belief
@@ -25,9 +27,9 @@ from onlinebayes.inference.distributions.bijection import UnitBijection
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, one_line, write_atomic
+from onlinebayes.runs import BadInput, one_line, read_arrays, write_arrays, write_atomic
 
-CONTENT, FORMAT = "onlinebayes distribution", 1
+CONTENT, FORMAT, ARRAYS = "onlinebayes distribution", 1, ".safetensors"
 
 KNOWN = ("uniform", "mixture", "flow", "truncated", "box")
 """Tags of the library's own."""
@@ -66,6 +68,11 @@ def save(belief: Belief, path: str | Path) -> None:
         BadInput: a distribution that no tag stands for, or the file cannot be written.
     """
     space = [(name, *astuple(parameter)) for name, parameter in belief.space.items()]
+    if Path(path).suffix == ARRAYS:
+        arrays: dict[str, np.ndarray] = {}
+        told = {"space": space, "belief": _parted(to_state(belief), arrays)}
+        write_arrays(path, CONTENT, arrays, told)
+        return
     body = {"space": space, "belief": _written(to_state(belief))}
     text = json.dumps({"content": CONTENT, "format": FORMAT, "sha256": _checksum(body), **body}, ensure_ascii=False)
     write_atomic(path, text + "\n")
@@ -83,7 +90,22 @@ def load(path: str | Path, space: ParameterSpace | None = None, *, device: torch
         BadInput: there is no such file, it is damaged, no distribution, of another format, or over other parameters.
     """
     where = str(path)
-    saved = _read(Path(path))
+    if Path(path).suffix == ARRAYS:
+        arrays, saved = read_arrays(path, CONTENT)
+    else:
+        arrays, saved = {}, _checked(_read(Path(path)), where)
+    try:
+        own = ParameterSpace({name: Parameter(*values) for name, *values in saved["space"]})
+        belief = from_state(own, _read_back(saved["belief"], arrays, device))
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        raise BadInput(f"is damaged: {one_line(str(error))[:200]}", "save it anew", where=where) from error
+    if space is not None:
+        _check_columns(own, space, where)
+    return belief
+
+
+def _checked(saved: Any, where: str) -> dict[str, Any]:
+    """The contents of a text file, of our format and with the right checksum."""
     if not isinstance(saved, dict) or saved.get("content") != CONTENT:
         raise BadInput("holds no distribution", "give a file that onlinebayes.inference.saving.save wrote", where=where)
     if saved.get("format") != FORMAT:
@@ -94,14 +116,7 @@ def load(path: str | Path, space: ParameterSpace | None = None, *, device: torch
         )
     if saved.get("sha256") != _checksum({key: saved.get(key) for key in ("space", "belief")}):
         raise BadInput("is damaged: its checksum is another", "copy it anew, or save it anew", where=where)
-    try:
-        own = ParameterSpace({name: Parameter(*values) for name, *values in saved["space"]})
-        belief = from_state(own, _read_back(saved["belief"], device))
-    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-        raise BadInput(f"is damaged: {one_line(str(error))[:200]}", "save it anew", where=where) from error
-    if space is not None:
-        _check_columns(own, space, where)
-    return belief
+    return saved
 
 
 def _read(path: Path) -> Any:
@@ -132,13 +147,25 @@ def _written(value: Any) -> Any:
     return value
 
 
-def _read_back(value: Any, device: torch.device | str) -> Any:
-    """The inverse of :func:`_written`."""
+def _parted(value: Any, arrays: dict[str, np.ndarray], name: str = "") -> Any:
+    """Plain values, with the names of arrays for tensors; the arrays are put aside."""
+    if isinstance(value, torch.Tensor):
+        arrays[name] = value.detach().cpu().numpy()
+        return {"array": name}
+    if isinstance(value, Mapping):
+        return {key: _parted(one, arrays, f"{name}.{key}" if name else str(key)) for key, one in value.items()}
+    return value
+
+
+def _read_back(value: Any, arrays: Mapping[str, np.ndarray], device: torch.device | str) -> Any:
+    """The inverse of :func:`_written` and of :func:`_parted`."""
     if not isinstance(value, Mapping):
         return value
+    if set(value) == {"array"}:
+        return torch.from_numpy(arrays[value["array"]]).to(device)
     if set(value) == {"dtype", "values"}:
         return torch.tensor(value["values"], dtype=DTYPES[value["dtype"]], device=device)
-    return {key: _read_back(one, device) for key, one in value.items()}
+    return {key: _read_back(one, arrays, device) for key, one in value.items()}
 
 
 def _check_columns(saved: ParameterSpace, wanted: ParameterSpace, where: str) -> None:

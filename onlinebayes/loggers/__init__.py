@@ -4,6 +4,17 @@ from onlinebayes.loggers.charts import Curves, calibration
 from onlinebayes.loggers.page import Film, Page, write_page
 from onlinebayes.loggers.recorder import RunRecorder
 from onlinebayes.loggers.rerun import RerunLogger
-from onlinebayes.loggers.scalars import tensorboard
+from onlinebayes.loggers.scalars import Loggers, loggers_of, tensorboard
 
-__all__ = ["Curves", "Film", "Page", "RerunLogger", "RunRecorder", "calibration", "tensorboard", "write_page"]
+__all__ = [
+    "Curves",
+    "Film",
+    "Loggers",
+    "Page",
+    "RerunLogger",
+    "RunRecorder",
+    "calibration",
+    "loggers_of",
+    "tensorboard",
+    "write_page",
+]

@@ -7,6 +7,7 @@ from onlinebayes.objectives.ddpg import DDPG, DDPGSettings, ddpg
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
 from onlinebayes.objectives.ensemble import EnsembleMLP
 from onlinebayes.objectives.exploration import Exploration
+from onlinebayes.objectives.exported import exported, save_policy
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import Inputs, inputs_of
 from onlinebayes.objectives.networks import action_value, state_value, stochastic_policy
@@ -44,9 +45,11 @@ __all__ = [
     "action_value",
     "actor_critic",
     "ddpg",
+    "exported",
     "inputs_of",
     "ppo",
     "sac",
+    "save_policy",
     "settings_of",
     "state_value",
     "stochastic_policy",

@@ -29,6 +29,7 @@ from torchrl.envs import InitTracker, Transform
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
+from onlinebayes.objectives.annealing import anneal
 from onlinebayes.objectives.checks import (
     check_bound_on_gradients,
     check_counts,
@@ -71,6 +72,8 @@ class ActorCriticSettings:
     """c_v of the loss, 0 or more"""
     learning_rate: float = 1e-3
     """Adam's, above 0"""
+    anneal_frames: int | None = None
+    """frames over which the learning rate falls in a line to zero; it stays without it"""
     max_grad_norm: float = 0.5
     """bound on the gradient's norm; above 0, infinite for none"""
 
@@ -82,6 +85,8 @@ class ActorCriticSettings:
         check_weights(entropy=self.entropy, value=self.value)
         check_positive(learning_rate=self.learning_rate)
         check_bound_on_gradients(self.max_grad_norm)
+        if self.anneal_frames is not None:
+            check_counts(anneal_frames=self.anneal_frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +132,7 @@ class ActorCritic:
         total.backward()
         norm = clip_grad_norm_(self.network.parameters(), self.settings.max_grad_norm)
         self.optimiser.step()
+        anneal(self.optimiser, self.settings, data.numel())
         return {**{name: float(loss.detach()) for name, loss in losses.items()}, "grad_norm": float(norm)}
 
     def losses(self, data: TensorDictBase) -> dict[str, Tensor]:

@@ -22,6 +22,7 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
 
+from onlinebayes.objectives.annealing import anneal
 from onlinebayes.objectives.checks import (
     check_bounds,
     check_counts,
@@ -75,6 +76,8 @@ class DDPGSettings:
     """share of the gap to actor and critic that their targets close at each gradient step, above 0 and at most 1"""
     learning_rate: float = 1e-3
     """Adam's, above 0"""
+    anneal_frames: int | None = None
+    """frames over which the learning rate falls in a line to zero; it stays without it"""
 
     def __post_init__(self) -> None:
         check_discount(self.gamma)
@@ -87,6 +90,8 @@ class DDPGSettings:
         check_positive(learning_rate=self.learning_rate)
         if self.value_range is not None and not self.value_range[0] < self.value_range[1]:
             raise BadInput(f"value_range = {self.value_range}: the first must be below the second", "turn them round")
+        if self.anneal_frames is not None:
+            check_counts(anneal_frames=self.anneal_frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +130,7 @@ class DDPG:
         for _ in range(steps):
             for name, value in self.step().items():
                 sums[name] += value
+        anneal(self.optimiser, self.settings, rows.numel())
         return {name: float(value) / steps for name, value in sums.items()}
 
     def demonstrate(self, data: TensorDictBase) -> None:

@@ -29,6 +29,7 @@ class Inputs(nn.Module):
 
     Attributes:
         keys: of the values, in order.
+        widths: of each of them.
         width: F.
     """
 
@@ -37,7 +38,7 @@ class Inputs(nn.Module):
     ) -> None:
         super().__init__()
         self.keys, self.width = list(widths), sum(widths.values())
-        self._widths = dict(widths)
+        self.widths = dict(widths)
         self.normalisation = RunningNormalization(self.width, device=device) if normalise else None
 
     def forward(self, *values: Tensor) -> Float[Tensor, "*batch F"]:
@@ -61,7 +62,7 @@ class Inputs(nn.Module):
 
     def _values(self, tensordict: TensorDictBase, under: Sequence[str]) -> list[Tensor]:
         values = []
-        for key, width in self._widths.items():
+        for key, width in self.widths.items():
             place = key if not under else (*under, *((key,) if isinstance(key, str) else key))
             value = tensordict.get(place, None)
             if value is None:

@@ -31,6 +31,7 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
+from onlinebayes.objectives.annealing import anneal
 from onlinebayes.objectives.checks import (
     check_bound_on_gradients,
     check_counts,
@@ -80,6 +81,8 @@ class PPOSettings:
     """c of the objective, 0 or more"""
     learning_rate: float = 1e-3
     """Adam's, above 0; to begin with, where it follows ``target_kl``"""
+    anneal_frames: int | None = None
+    """frames over which the learning rate falls in a line to zero; it stays without it"""
     max_grad_norm: float = 0.5
     """bound on the gradient's norm, for the policy and for the critic; above 0, infinite for none"""
     target_kl: float | None = None
@@ -100,6 +103,10 @@ class PPOSettings:
                 f"minibatch = {self.minibatch}: it must be at most frames_per_batch = {self.frames_per_batch}",
                 "give a smaller minibatch",
             )
+        if self.anneal_frames is not None:
+            check_counts(anneal_frames=self.anneal_frames)
+            if self.target_kl is not None:
+                raise BadInput(f"anneal_frames = {self.anneal_frames} beside target_kl = {self.target_kl}", "give one")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +166,7 @@ class PPO:
         means = {name: value / max(steps, 1) for name, value in sums.items()}
         if self.settings.target_kl is not None:
             self._pace(means["kl_approx"] / self.settings.target_kl)
+        anneal(self.optimiser, self.settings, data.numel())
         return means
 
     def _pace(self, ratio: float) -> None:

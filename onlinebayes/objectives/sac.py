@@ -24,6 +24,7 @@ from torch import nn
 from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor
 
+from onlinebayes.objectives.annealing import anneal
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.checks import (
     check_bounds,
@@ -67,6 +68,8 @@ class SACSettings:
     """share of the gap to the critics that their targets close at each gradient step, above 0 and at most 1"""
     learning_rate: float = 1e-3
     """Adam's, above 0"""
+    anneal_frames: int | None = None
+    """frames over which the learning rate falls in a line to zero; it stays without it"""
     alpha: float = 1.0
     """the entropy's weight to begin with [reward / nat], above 0; it is learnt"""
     reward_scale: float = 1.0
@@ -78,6 +81,8 @@ class SACSettings:
         check_counts(memory=self.memory, minibatch=self.minibatch, frames_per_update=self.frames_per_update)
         check_rate_of_targets(self.tau)
         check_positive(learning_rate=self.learning_rate, alpha=self.alpha, reward_scale=self.reward_scale)
+        if self.anneal_frames is not None:
+            check_counts(anneal_frames=self.anneal_frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,7 @@ class SAC:
         for _ in range(steps):
             for name, value in self.step().items():
                 sums[name] += value
+        anneal(self.optimiser, self.settings, fresh.numel())
         return {name: float(value) / steps for name, value in sums.items()}
 
     def step(self) -> dict[str, torch.Tensor]:

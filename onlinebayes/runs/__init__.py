@@ -1,5 +1,6 @@
 """Infrastructure of long work: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
 
+from onlinebayes.runs.arrays import read_arrays, write_arrays
 from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.digest import NoDigest, digest, source_digest
@@ -14,7 +15,7 @@ from onlinebayes.runs.plain import plain
 from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.random_state import OwnRandom, random_state, set_random_state
-from onlinebayes.runs.results import ResultTable, Row
+from onlinebayes.runs.results import ResultTable, Row, versions
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
@@ -66,6 +67,7 @@ __all__ = [
     "plain",
     "processor_time",
     "random_state",
+    "read_arrays",
     "remembered",
     "restore",
     "restore_part",
@@ -78,5 +80,7 @@ __all__ = [
     "to_toml",
     "together",
     "users_memo",
+    "versions",
+    "write_arrays",
     "write_atomic",
 ]

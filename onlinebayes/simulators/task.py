@@ -28,12 +28,15 @@ class Task(ABC):
         observation_sizes: key -> width, for a task whose :meth:`observe` gives several; empty for one observation.
         action_spec: TorchRL spec of one world's action, without a batch size.
         horizon: steps after which an episode is truncated.
+        channels: key of an observation, or ``"action"`` -> name -> SI unit of each column (of each choice, where the
+            action is discrete), for the card of a policy; what is not named gets numbers.
     """
 
     observation_size: int
     observation_sizes: Mapping[str, int] = {}
     action_spec: TensorSpec
     horizon: int
+    channels: Mapping[str, Mapping[str, str]] = {}
 
     @abstractmethod
     def start(self, theta: Float[Tensor, "n P"], generator: Generator) -> TensorDict:

@@ -13,6 +13,7 @@ from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.journal import Journal
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.playing import Episode, Player, SimulatedPlayer
+from onlinebayes.trainers.policy_files import PolicyFiles
 from onlinebayes.trainers.problem import Problem, Sizes, Worlds, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
 from onlinebayes.trainers.recording import Recording
@@ -47,6 +48,7 @@ __all__ = [
     "Player",
     "Point",
     "Policy",
+    "PolicyFiles",
     "Problem",
     "RealEnvironment",
     "RealSystem",

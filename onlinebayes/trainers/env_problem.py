@@ -9,8 +9,8 @@ The same face as :class:`~onlinebayes.trainers.Problem`; ``look`` says what such
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -48,6 +48,8 @@ class EnvProblem:
         transforms: gives further transforms for one environment, behind the sensors.
         beside: most worlds that are simulated at once for the belief.
         episodes: by which a policy is judged.
+        name: of the task, for a policy's card.
+        channels: names and units of what is seen and done, as :class:`~onlinebayes.simulators.Task` gives them.
     """
 
     make: Callable[[], Parameterized]
@@ -57,6 +59,8 @@ class EnvProblem:
     transforms: Callable[[], Iterable[Transform]] = tuple
     beside: int = 16
     episodes: int = 8
+    name: str = ""
+    channels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def space(self) -> ParameterSpace:

@@ -26,7 +26,7 @@ from onlinebayes.inference import Belief
 from onlinebayes.runs import RunFolder
 from onlinebayes.trainers.playing import Player
 from onlinebayes.trainers.recording import Recording
-from onlinebayes.trainers.session import Say, say_aloud, tell
+from onlinebayes.trainers.session import Say, Watcher, say_aloud, tell
 from onlinebayes.trainers.state import OnlineState
 
 
@@ -41,6 +41,7 @@ class Journal:
         truth: parameters of the hidden system (P,), where they are known.
         baselines: returns of others by their name, drawn beside this one's.
         say: is told each step in words.
+        watchers: told after each step too, such as :class:`~onlinebayes.trainers.PolicyFiles`.
 
     Raises:
         BadInput: at entry, a folder that cannot be written, or is that of another recipe.
@@ -55,10 +56,12 @@ class Journal:
         truth: Float[Tensor, " P"] | None = None,
         baselines: Mapping[str, float] | None = None,
         say: Say = say_aloud,
+        watchers: Sequence[Watcher] = (),
     ) -> None:
         self.state = OnlineState.begin(prior)
         self._folder = RunFolder(folder, name)
         self._recording = Recording(self._folder.folder, name, prior, player, truth, baselines or {})
+        self._watchers: tuple[Watcher, ...] = (self._recording, *watchers)
         self._last, self._say = time.monotonic(), say
 
     def __enter__(self) -> Journal:
@@ -108,5 +111,5 @@ class Journal:
         state.losses, state.batches, state.notes = dict(losses or {}), 1, list(notes)
         state.complete({part: took}, None)
         state.records[-1] = replace(state.records[-1], figures=dict(figures or {}))
-        tell(state, self._folder, (self._recording,), self._say)
+        tell(state, self._folder, self._watchers, self._say)
         self._last = time.monotonic()

@@ -1,4 +1,4 @@
-"""Watches a run and leaves ``run.rrd``, ``run.html`` and curves for TensorBoard in its folder.
+"""Watches a run and leaves ``run.rrd``, ``run.html`` and curves for TensorBoard, or another logger, in its folder.
 
 The recording grows with every step; the page is written when the run ends or stops.
 """
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from onlinebayes.inference import Belief, BoxUniform, extended, plots
 from onlinebayes.inference.calibration import LEVELS
-from onlinebayes.loggers import RunRecorder, tensorboard, write_page
+from onlinebayes.loggers import Loggers, RunRecorder, tensorboard, write_page
 from onlinebayes.trainers.playing import Episode, Player
 from onlinebayes.trainers.run_page import page
 from onlinebayes.trainers.state import OnlineState, Record
@@ -39,6 +39,7 @@ class Recording:
         further: true values of parameters that the model may get while the run learns, by name.
         baselines: returns of other runs by their kind, drawn beside this one's.
         infers: whether there is a belief to show, and not a policy that learns alone.
+        loggers: are told all scalars, besides the recording.
     """
 
     folder: Path
@@ -49,6 +50,7 @@ class Recording:
     baselines: Mapping[str, float] = field(default_factory=dict)
     infers: bool = True
     further: Mapping[str, float] = field(default_factory=dict)
+    loggers: Loggers = tensorboard
     _recorder: RunRecorder | None = field(default=None, init=False)
     _last: tuple[OnlineState, np.ndarray | None, Mapping[str, Episode]] | None = field(default=None, init=False)
 
@@ -103,7 +105,7 @@ class Recording:
                 self.prior.space,
                 seconds=seconds,
                 truth=self.truth,
-                loggers=tensorboard(self.folder),
+                loggers=self.loggers(self.folder),
             )
         return self._recorder
 

@@ -23,7 +23,7 @@ from onlinebayes.inference import BoxUniform
 from onlinebayes.problems import criticise, load_problem
 from onlinebayes.report import write_report
 from onlinebayes.runs import write_atomic
-from onlinebayes.trainers import Journal
+from onlinebayes.trainers import Journal, PolicyFiles
 from recipes.demo.measure import known, measure, write_problem
 from recipes.demo.policy import Training, episodes, learner, player, returns, score, train
 from recipes.demo.posterior import Rounds, infer
@@ -164,7 +164,8 @@ def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Bu
     space, seconds = posterior.space, time.monotonic() - start
     balancing, objective = learner(problem.simulator, posterior, budget.training, seed)
     shown = player(balancing, objective.policy, truth)
-    with Journal(out, "demo", BoxUniform(space), shown, known(space, truth), say=say) as journal:
+    files = PolicyFiles(out, "demo", objective, balancing)
+    with Journal(out, "demo", BoxUniform(space), shown, known(space, truth), say=say, watchers=(files,)) as journal:
 
         def judge() -> dict[str, float]:
             return {"return": score(objective.policy, truth, budget.episodes, seed)}

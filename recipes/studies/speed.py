@@ -4,7 +4,7 @@ CartPole: N worlds in one ``SimulatorEnv``, length and mass drawn anew per world
 ``Collector`` with a 2 x 64 policy that samples its actions, against one ``GymEnv("CartPole-v1")`` through the same
 Collector with the same policy. Both count steps and reward and reset by themselves. The worlds are float32, the
 precision of what the policy sees (and of Gymnasium's own vectorised CartPole); float64 stands beside without a goal.
-The Hopper's half stands in ``speed_hopper``.
+The Hopper's half stands in ``speed_hopper``, a policy's in ``speed_policy``.
 
 Run it on an idle machine: on a busy one two threads measure how long they wait for each other (``--threads 1`` then
 tells more).
@@ -29,6 +29,7 @@ from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.transforms import ParameterRandomization
 from recipes.studies.speed_hopper import Bench, hopper_rows
+from recipes.studies.speed_policy import policy_rows
 from recipes.studies.timing import PAIRS, alternate, median, rate, spread
 
 
@@ -131,6 +132,7 @@ def main(settings: Settings) -> int:
     cartpole(table, settings)
     torch.set_num_threads(1)  # torch's idle threads spin for a while, on the cores that MuJoCo's threads need
     hopper_rows(table, Bench(settings.hoppers, settings.threads, settings.seconds, settings.seed))
+    policy_rows(table, settings.seconds, settings.seed)
     print(table.to_markdown())
     path = table.write(settings.out)
     print(f"medians of {PAIRS} alternating pairs on {settings.threads} threads, spread from least to most; in {path}")

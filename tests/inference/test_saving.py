@@ -16,14 +16,17 @@ from onlinebayes.runs import BadInput
 from tests.inference.test_protocol import PRIOR, SPACE, belief, neural, simulate
 
 
-def test_a_distribution_is_the_same_after_a_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["it.json", "it.safetensors"])
+def test_a_distribution_is_the_same_after_a_file(tmp_path: Path, name: str) -> None:
+    if name == "it.safetensors":
+        pytest.importorskip("safetensors")
     generator = torch.Generator().manual_seed(0)
     log = BoxUniform(ParameterSpace({"drag": Parameter(0.1, 10.0, "N s/m", "log"), "b": Parameter(-1, 1)}))
     untrained = Posterior(neural().loss).condition(simulate(PRIOR.sample((2,), generator), generator).float())
     cut = proposals.truncated(belief(0.4, 0.05), PRIOR, generator=generator)
     for each in (log, belief(0.4, 0.1), cut, untrained):
-        saving.save(each, tmp_path / "it.json")
-        again = saving.load(tmp_path / "it.json", each.space)
+        saving.save(each, tmp_path / name)
+        again = saving.load(tmp_path / name, each.space)
         assert again.space == each.space
         draws = [x.sample((50,), torch.Generator().manual_seed(1)) for x in (each, again)]
         assert torch.equal(*draws)

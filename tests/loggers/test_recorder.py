@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from torchrl.record.loggers import CSVLogger
 
 from envs.pendulum import Pendulum
-from onlinebayes.loggers import Curves, Film, Page, RunRecorder, scalars, tensorboard, write_page
+from onlinebayes.loggers import Curves, Film, Page, RunRecorder, loggers_of, scalars, tensorboard, write_page
 from onlinebayes.loggers.shapes import alike, archetype
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -139,6 +139,15 @@ def test_without_tensorboard_a_line_says_so(tmp_path: Path, capsys, monkeypatch)
     monkeypatch.setattr(scalars, "find_spec", lambda _name: None)
     assert tensorboard(tmp_path) == []
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_without_wandb_whoever_asks_for_it_is_told(monkeypatch) -> None:
+    monkeypatch.setattr(scalars, "find_spec", lambda _name: None)
+    with pytest.raises(BadInput, match=r"wandb is not installed; pip install 'onlinebayes\[wandb\]'"):
+        loggers_of("wandb")
+    assert loggers_of("tensorboard") is tensorboard
+    with pytest.raises(BadInput, match="no logger is called 'csv'; known: tensorboard, wandb"):
+        loggers_of("csv")
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+import onlinebayes
 from onlinebayes.inference import Box, BoxUniform
 from onlinebayes.objectives import ppo
 from onlinebayes.runs import BadInput
-from onlinebayes.trainers import Journal, Recording, SimulatedPlayer
+from onlinebayes.trainers import Journal, PolicyFiles, Recording, SimulatedPlayer
 from tests.loggers.test_recorder import entities
 from tests.trainers.test_online import PRIOR, PROBLEM, SPACE, TRUTH
 from tests.trainers.test_playing import after_a_step
@@ -40,6 +41,15 @@ def test_it_leaves_a_log_a_recording_and_a_page(tmp_path: Path) -> None:
     page = (tmp_path / "run.html").read_text("utf-8")
     for words in ("another", "An episode", "The belief", "narrowed"):
         assert words in page
+
+
+def test_it_leaves_a_policy_where_it_is_asked_to(tmp_path: Path) -> None:
+    pytest.importorskip("safetensors")
+    objective = ppo(*PROBLEM.specs)
+    with Journal(tmp_path, "mine", PRIOR, watchers=(PolicyFiles(tmp_path, "mine", objective, PROBLEM),)) as journal:
+        journal.step("policy", frames=100, figures={"return": 3.0})
+    origin = onlinebayes.load_policy(tmp_path).card.origin
+    assert (origin.recipe, origin.objective, origin.frames, origin.mean_return) == ("mine", "PPO", 100, 3.0)
 
 
 def test_begun_again_it_takes_the_place_of_the_run_before(tmp_path: Path) -> None:
