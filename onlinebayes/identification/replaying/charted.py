@@ -22,6 +22,7 @@ from onlinebayes.identification.replaying.wrapper import SimulatorWrapper
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.abilities import InFile
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import TargetKind
 from onlinebayes.simulators.identifiable import Identifiable
@@ -136,6 +137,10 @@ class ChartedSimulator(SimulatorWrapper):
     ) -> Float[Tensor, "N K U"]:
         """See :meth:`Identifiable.actuator_forces`; they depend on scalar joints alone."""
         return self.physics.actuator_forces(theta, self._enter(motion), step)
+
+    def in_file(self, theta: Float[Tensor, " P"]) -> InFile | None:
+        """See :meth:`Identifiable.in_file`."""
+        return self.physics.in_file(theta)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """The turns of a state or trajectory, and what else the physics reads of it."""

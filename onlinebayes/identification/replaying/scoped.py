@@ -23,6 +23,7 @@ from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.abilities import InFile
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.identifiable import Identifiable
@@ -179,6 +180,10 @@ class ScopedSimulator(SimulatorWrapper):
     ) -> Float[Tensor, "N K U"]:
         """Of typical worlds; see :meth:`Identifiable.actuator_forces`."""
         return self.physics.actuator_forces(self.typical(theta), motion, step)
+
+    def in_file(self, theta: Float[Tensor, " F"]) -> InFile | None:
+        """Of the typical world; see :meth:`Identifiable.in_file`."""
+        return self.physics.in_file(self.typical(theta))
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """See :meth:`Identifiable.read`."""
