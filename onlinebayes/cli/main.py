@@ -95,7 +95,7 @@ def parser() -> argparse.ArgumentParser:
                 "--budget",
                 type=_seconds,
                 metavar="SECONDS",
-                help="processor time after which the best answer so far is given (300)",
+                help="processor time, once the model is fitted, after which the best answer so far is given (300)",
             )
     first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
     first.add_argument("model", help="the model (MJCF)")

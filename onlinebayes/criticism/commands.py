@@ -40,7 +40,7 @@ Say = Callable[[str], None]
 Candidates = str | Sequence[str | Effect]
 
 BUDGET_S = 300.0
-"""Seconds of processor time after which a command gives the best answer so far; the base model is always fitted."""
+"""Seconds of processor time, once the base model is fitted, after which a command gives the best answer so far."""
 
 
 def compare(
@@ -68,8 +68,8 @@ def compare(
         progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
         interrupt: ends the work at its next replay.
         memo: keeps fits, so that the next command on this model and log does not work them out again; None for none.
-        budget_s: processor time [s] after which the best answer so far is given; None for no end. The base model is
-            fitted, whatever that takes.
+        budget_s: processor time [s], once the base model is fitted, after which the best answer so far is given; None
+            for no end.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
@@ -177,8 +177,8 @@ def _answered(
 
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
-    watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     task, search = _begun(task, Watch(stopwatch, interrupt), memo)
+    watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     watch.say(_provisional(search))
     if faults and (lost := unskilled(search.base, search.evaluator)):
         check_driven(task.fit_runs, lost)

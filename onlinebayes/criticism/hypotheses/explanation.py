@@ -188,7 +188,7 @@ def run_search(search: Search, fit_runs: Measurement, candidates: str | Sequence
 
 def explanation_of(search: Search) -> Explanation:
     """Return the explanation that a search has found so far."""
-    return Explanation(search.base, search.current, tuple(search.rounds), search.evaluator)
+    return Explanation(search.base, search.current, (*search.rounds, *search.pending), search.evaluator)
 
 
 def _run(search: Search, last: Sequence[Addition]) -> Search:

@@ -65,7 +65,10 @@ class Search:
             and believed where they leave no more than noise.
         most: additions at which the search ends.
         rounds: so far.
-        here: the preferred hypothesis so far: what stands where the search is stopped.
+
+    Attributes:
+        current: the preferred hypothesis so far: what stands where the search is stopped.
+        pending: the round that found it, where that is not one of ``rounds`` yet.
     """
 
     evaluator: Evaluator
@@ -77,6 +80,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.current, self.flexible = self.base, set[Addition]()
+        self.pending: tuple[Round, ...] = ()
         self._best = {frozenset(self.base.hypothesis.keys): self.base}
         self._left = set[frozenset[str]]()
 
@@ -91,6 +95,7 @@ class Search:
                 continue
             self._left.add(frozenset(here.hypothesis.keys))
             self.rounds += move.rounds
+            self.pending = ()
             after = self.refined(move.found)
             self.current = after if move.together else self.pruned(after)
             self.evaluator.watch(so_far(self.base, self.current))
@@ -107,9 +112,11 @@ class Search:
         self._kept(here.hypothesis, here)
         alone = self.round(here)
         if alone.added is not None:
+            self.current, self.pending = alone.added.evaluation, (alone,)
             # Perhaps it was not the addition that was missing, but a better fit without it.
             again = self.evaluated_from(alone.added.evaluation, here.hypothesis)
             if again is not here:
+                self.pending = ()
                 yield Move(again)
         if alike := self.at_all_places(here, alone):
             yield Move.to(alike)
@@ -133,12 +140,13 @@ class Search:
         found = list(at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)))
         if not found:
             return []
-        self.current = simplest_of_equals(found, here)  # where the search is stopped now, it stands
+        stood = self.current, self.pending
+        self.current, self.pending = simplest_of_equals(found, here), ()  # where the search is stopped now, it stands
         best = self.pruned(self.current, entered=0)
         new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
         if new > 1 and refused(best, here, self.base) is None:
             return self.one_by_one(here, best, alone)
-        self.current = here
+        self.current, self.pending = stood
         return []
 
     def one_by_one(self, here: Evaluation, best: Evaluation, alone: Round) -> list[Round]:
