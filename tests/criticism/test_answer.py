@@ -135,6 +135,21 @@ def test_what_was_found_before_a_stop_is_kept() -> None:
     assert found.accepted == ("constant_load@rail",)
 
 
+def test_what_a_round_found_is_kept_before_the_round_has_ended() -> None:
+    interrupt, lines = Interrupt(), list[str]()
+
+    def say(line: str) -> None:
+        lines.append(line)
+        # The base model is fitted once more from where the addition led.
+        interrupt.requested |= line == "fitting the model as it is" and "fitting constant_load@rail" in lines
+
+    data = measure({LOAD: (0.5,)}, runs=10)
+    found = refine(model(), data, holdout=HELD, candidates=FEW, progress=say, interrupt=interrupt)
+    assert found.interrupted
+    assert found.accepted == ("constant_load@rail",)
+    assert [step.added for step in found.steps] == ["constant_load@rail"]
+
+
 @pytest.mark.slow
 def test_a_motor_that_was_off_for_a_part_of_the_runs_is_a_problem_of_the_data() -> None:
     whole = measure(runs=10)
