@@ -5,7 +5,7 @@ from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.digest import NoDigest, digest, source_digest
 from onlinebayes.runs.errors import BadInput, DiskFull, UnknownName
 from onlinebayes.runs.files import atomic_path, together, write_atomic
-from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
+from onlinebayes.runs.interrupt import Grace, Interrupt, Stopped, giving_up, heed
 from onlinebayes.runs.lock import Lock, NoLocks
 from onlinebayes.runs.memo import FolderMemo, Kept, Memo, NoMemo, remembered, users_memo
 from onlinebayes.runs.memory import give_back_freed_memory
@@ -33,6 +33,7 @@ __all__ = [
     "Checkpoints",
     "DiskFull",
     "FolderMemo",
+    "Grace",
     "Interrupt",
     "Kept",
     "Lock",
@@ -57,6 +58,7 @@ __all__ = [
     "gather",
     "generator",
     "give_back_freed_memory",
+    "giving_up",
     "heed",
     "leave_inherited_numbers",
     "load_exactly",

@@ -23,6 +23,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from onlinebayes.inference import Belief
 from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import heed
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers.playing import MOST_STEPS, Episode
 from onlinebayes.trainers.problem import behind_sensors
@@ -131,6 +132,7 @@ class EnvPlayer:
         seen = [self.look(world.inner)]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             while len(actions) < steps:
+                heed()
                 data = env.step(policy(data))
                 actions.append(data["action"])
                 seen.append(self.look(world.inner))

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 from tensordict import TensorDictBase
 
 from onlinebayes.objectives import Objective
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 
 BUFFER = "buffer"
 """Key under which an objective's ``state_dict`` keeps its replay buffer."""
@@ -50,6 +50,7 @@ def improve(
         Notes on what went wrong.
 
     Raises:
+        Stopped: the block in hand was asked to end; the batch in hand is lost, and a part of its learning.
         BadInput: the collector ended, or the losses are no numbers again and again.
     """
     if batches and not begin:
@@ -61,6 +62,7 @@ def improve(
         data = collector.next()
         if data is None:
             raise BadInput(f"the collector ended after {batch - 1} of {batches} batches", "give it total_frames=-1")
+        heed()  # the batch may have been cut short
         losses = objective.update(data)
         wrong = [name for name, value in losses.items() if not math.isfinite(value)]
         if wrong:

@@ -15,7 +15,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase, is_tensor_collection, pad
 from torchrl.envs import EnvBase
 
-from onlinebayes.runs import Stateful, one_line
+from onlinebayes.runs import Stateful, Stopped, one_line
 from onlinebayes.trainers.env_state import env_state, load_env_state
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
 
@@ -160,6 +160,8 @@ def measured(
     """
     try:
         data = system.run(policy, steps)
+    except Stopped:
+        raise
     except Exception as error:
         return None, one_line(f"the real system failed ({type(error).__name__}: {error}); the belief stays as it was")
     if data is None:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 
-from onlinebayes.runs import cores
+from onlinebayes.runs import cores, heed
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
@@ -227,6 +227,7 @@ class Worlds:
         good[self.failed] = 0
         before = self._record.copy()
         for k in range(steps):
+            heed()
             self._ctrl[...] = ctrl[:, k]
             self._step_once()
             self._settle(before)
