@@ -21,7 +21,7 @@ from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_ever
 from onlinebayes.runs.side_by_side import cores, processor_time, side_by_side
 from onlinebayes.runs.stages import Stages
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
-from onlinebayes.runs.threads import one_torch_thread
+from onlinebayes.runs.threads import one_torch_thread, torch_threads_kept
 from onlinebayes.runs.toml import to_toml
 from onlinebayes.runs.watch import UNWATCHED, Watch
 
@@ -79,6 +79,7 @@ __all__ = [
     "source_digest",
     "to_toml",
     "together",
+    "torch_threads_kept",
     "users_memo",
     "write_atomic",
 ]
