@@ -34,6 +34,7 @@ def improve(
     after: Callable[[int, int, dict[str, float]], bool] | None = None,
     *,
     begin: int = 0,
+    anew: bool = False,
 ) -> list[str]:
     """Let a policy learn from fresh episodes in the collector's worlds.
 
@@ -45,6 +46,7 @@ def improve(
         batches: how many to learn from.
         after: told the number of batches so far, the frames of the last one and its losses; False ends it early.
         begin: batches that were learnt from before; with 0 the collector begins new episodes.
+        anew: whether it begins them anyway.
 
     Returns:
         Notes on what went wrong.
@@ -53,7 +55,7 @@ def improve(
         Stopped: the block in hand was asked to end; the batch in hand is lost, and a part of its learning.
         BadInput: the collector ended, or the losses are no numbers again and again.
     """
-    if batches and not begin:
+    if begin < batches and (anew or not begin):
         collector.reset()
     # The buffer is large and none of it is wrong: it stays.
     good = copy.deepcopy({key: part for key, part in objective.state_dict().items() if key != BUFFER})

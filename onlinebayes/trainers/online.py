@@ -177,7 +177,7 @@ class OnlineTrainer:
         self.randomization.set_distribution(self.worlds if self.worlds is not None else state.belief)
 
         def after(done: int, frames: int, losses: dict[str, float]) -> bool:
-            state.batches, state.losses = done, losses
+            state.batches, state.losses, state.anew = done, losses, False
             state.frames += frames
             progress.update(state.step + 0.5 * done / batches, f"policy {done}/{batches}", frames=state.frames)
             if done < batches and not interrupt.requested:
@@ -185,7 +185,7 @@ class OnlineTrainer:
             return not interrupt.requested
 
         with giving_up(Grace(interrupt)):
-            state.notes += improve(self.objective, self.collector, batches, after, begin=state.batches)
+            state.notes += improve(self.objective, self.collector, batches, after, begin=state.batches, anew=state.anew)
             return True
         return False
 
