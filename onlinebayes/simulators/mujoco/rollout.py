@@ -17,6 +17,7 @@ from torch import Tensor
 
 from onlinebayes.runs import BadInput, cores, heed
 from onlinebayes.simulators.mujoco.host import to_host
+from onlinebayes.simulators.mujoco.reused import worlds_at
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
@@ -75,8 +76,14 @@ def _rollout(
     inputs: TensorDictBase,
     marks: np.ndarray,
 ) -> TensorDict:
-    worlds = Worlds(system, len(theta), threads)
-    worlds.write_theta(to_host(theta))
+    with worlds_at(system, to_host(theta), threads, int(marks[-1])) as worlds:
+        return _of_worlds(worlds, theta, state, inputs, marks)
+
+
+def _of_worlds(
+    worlds: Worlds, theta: Tensor, state: TensorDictBase, inputs: TensorDictBase, marks: np.ndarray
+) -> TensorDict:
+    system = worlds.system
     worlds.write_state(state)
     before = worlds.read_state()
     start = system.record.pack(before, len(theta))

@@ -89,6 +89,12 @@ class Worlds:
         """The worlds ``ids`` (all without) have not failed."""
         self.failed[slice(None) if ids is None else ids] = False
 
+    def begin_again(self, failed: np.ndarray) -> None:
+        """Stand as new worlds do, but for theta, which stays; ``failed`` (N,) are those that refused it."""
+        self.failed[:] = failed
+        self.write_enable(None)
+        self.trace = []
+
     def write_enable(self, enable: np.ndarray | None) -> None:
         """Switch actuators: enable (N, U), None for all on. Off means that the actuator gives no force."""
         if enable is None and self._all_on:
