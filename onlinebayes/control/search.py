@@ -33,7 +33,7 @@ from onlinebayes.control.cost import Cost
 from onlinebayes.control.noise import Noise
 from onlinebayes.control.risk import Risk
 from onlinebayes.control.rollouts import crossed, rolled_out
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 from onlinebayes.simulators import Simulator
 
 AT_ONCE = 2**21
@@ -128,6 +128,7 @@ class Search:
         size = max(1, AT_ONCE // (len(theta) * S * H))
         found = []
         for begin in range(0, len(plan), size):
+            heed()
             rows = slice(begin, begin + size) if size < len(plan) else ...
             tried = self.bounds.admit(plan[rows][:, None] + noise, last[rows][:, None], self.simulator.dt)
             costs = self._costs(tried, state if rows is ... else state[rows], theta)

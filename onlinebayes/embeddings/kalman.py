@@ -26,6 +26,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
+from onlinebayes.runs import heed
 from onlinebayes.simulators import Simulator
 
 LEAST = 1e-9
@@ -227,6 +228,7 @@ class _Pass:
         B = len(rows.first)
         total = zeros(B), zeros(B, P), zeros(B, P, P), torch.zeros_like(rows.first)
         for t in range(rows.mask.shape[1]):
+            heed()
             here = rows.mask[:, t]
             parts = self._update(rows.action[:, t], rows.following[:, t], here)
             total = tuple(  # type: ignore[assignment]

@@ -44,7 +44,7 @@ from onlinebayes.inference.distributions.kernels import smoothed
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.run_length import Hazard, RunLengths
 from onlinebayes.inference.trajectories import TrajectoryKeys
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 
 SURE = 0.95
 """Probability at which a change is said."""
@@ -186,6 +186,7 @@ class ChangingBelief:
         """
         belief = self
         for i in range(len(trajectories)):
+            heed()
             belief = belief._after(trajectories[i : i + 1])
         return belief
 

@@ -42,7 +42,7 @@ from onlinebayes.inference.population import Simulate
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal, truncated
 from onlinebayes.inference.trajectories import TrajectoryKeys
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 
 Proposal = BoxUniform | TruncatedProposal | TruncatedMixture
 
@@ -152,6 +152,7 @@ class EpsilonFree:
         current = self._boxed(current, generator) if isinstance(current, TruncatedMixture) else current
         made: list[ProposalRound] = []
         for number in range(self.rounds + 2):
+            heed()
             last = number >= self.rounds
             made.append(
                 self._last(measured, current, generator) if last else self._round(measured, current, 1, generator)

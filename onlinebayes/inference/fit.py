@@ -144,6 +144,7 @@ def _widen(loss: NeuralPosteriorLoss, held_out: TensorDictBase) -> float:
         return 1.0
     values = []
     for factor in WIDENINGS:
+        heed()
         _set_widening(loss, factor)
         values.append(float(loss.each(held_out).mean()))
     best = WIDENINGS[min(range(len(values)), key=values.__getitem__)]

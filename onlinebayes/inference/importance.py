@@ -20,6 +20,7 @@ from torch import Tensor
 from onlinebayes.inference.distributions import Box, TruncatedMixture
 from onlinebayes.inference.distributions.algebra import union, widened
 from onlinebayes.inference.distributions.kernels import smoothed
+from onlinebayes.runs import heed
 
 WIDER = 1.2
 """Factor on a proposal's scales: tails that are thinner than the density's give single draws all the weight."""
@@ -84,6 +85,7 @@ def importance(
     z = torch.zeros(0, size, dtype=torch.float64, device=proposal.mean.device)
     log_f, found = z.sum(1), WeightedDraws(z, z.sum(1), z.sum(1), z.sum(1).long(), box, 0, -math.inf)
     for r in range(rounds):
+        heed()
         fresh = proposals[-1].sample_frame((draws,), generator)
         z, log_f = torch.cat([z, fresh]), torch.cat([log_f, log_density(box.from_frame(fresh)).to(log_f)])
         log_q = torch.logsumexp(torch.stack([one.log_prob_frame(z) for one in proposals]), 0) - math.log(len(proposals))

@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from onlinebayes.embeddings import Embedding, SetEmbedding
 from onlinebayes.inference.base import ConditionalDensity
 from onlinebayes.inference.distributions import TruncatedMixture
+from onlinebayes.inference.lengths import Lengths
 from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
 from onlinebayes.runs import BadInput
 
@@ -56,6 +57,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         self.whole_sets = whole_sets
         self.embedding, self.estimator = embedding, estimator
         self.keys = keys if keys is not None else TrajectoryKeys()
+        self._learnt_from = Lengths(0, 0)
         self.in_keys = [self.keys.observation, self.keys.action, self.keys.following, self.keys.theta]
         self.out_keys = ["loss_posterior"]
 
@@ -67,7 +69,16 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
         trajectories = trajectories.flatten(0, 1) if trajectories.ndim == 3 else trajectories
+        self._learnt_from = Lengths.of(self.keys.mask_of(trajectories))
         self.embedding.fit(*self.keys.read(self.keys.usable(trajectories), self.weight))
+
+    def mind_lengths(self, trajectories: TensorDictBase) -> None:
+        """Warn where trajectories (B, T) are much shorter or longer than what was learnt from; see ``lengths``.
+
+        A located embedding's place and scale follow the length.
+        """
+        if not (isinstance(self.embedding, SetEmbedding) and self.embedding.located):
+            self._learnt_from.warn(Lengths.of(self.keys.mask_of(trajectories)))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """Compute once, before training, all that depends on no weight: z of theta, and features with their mask.
@@ -126,9 +137,13 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         return self.embedding.encode(features, mask)
 
     def get_extra_state(self) -> dict[str, Any]:
-        """The box that the weights speak of."""
+        """The box that the weights speak of, and the lengths of the trajectories behind them."""
         box = self.estimator.box
-        return {"names": list(box.space), "box": torch.stack((box.low, box.high))}
+        return {
+            "names": list(box.space),
+            "box": torch.stack((box.low, box.high)),
+            "lengths": list(self._learnt_from),
+        }
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:
         """Refuse weights of another box: z would mean another theta."""
@@ -139,6 +154,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
                 f" {own['names']} in {own['box'].tolist()}",
                 "build the estimator in that box",
             )
+        self._learnt_from = Lengths(*state.get("lengths", (0, 0)))
 
     def each(self, prepared: Mapping[str, Tensor] | TensorDictBase, *, exact: bool = True) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made.

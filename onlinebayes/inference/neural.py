@@ -29,6 +29,7 @@ from onlinebayes.inference.fit import fit
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.trajectories import frame_of
+from onlinebayes.runs import heed
 
 FACTORS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0)
 """Candidates for w: a fifth apart, a step that costs less than .03 nats a parameter."""
@@ -111,6 +112,7 @@ class NeuralEstimator:
         frame_of(theta, self.box)  # refuses what would count as a miss of every w
         scores = {}
         for factor in FACTORS:
+            heed()
             posterior = self._combined(told, factor)
             alpha = credibility_of(posterior, theta, samples=500, generator=generator)
             if float((alpha <= LEVEL).double().mean()) >= LEVEL:

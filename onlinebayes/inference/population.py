@@ -24,7 +24,7 @@ from torch import Tensor
 from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.distributions import BoxUniform, TruncatedMixture
 from onlinebayes.inference.trajectories import TrajectoryKeys
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 
 Simulate = Callable[[Float[Tensor, "B P"], torch.Generator], TensorDictBase]
 """(theta, generator) -> trajectories (B, T). Theta lies where the generator does, the trajectories anywhere."""
@@ -118,6 +118,7 @@ class PopulationABC:
         z, distance, used = cloud.z[:0], cloud.distance[:0], 0
         lower = cloud.kernel()
         while len(z) < self.particles:
+            heed()
             if used + self.batch > most:
                 return None, used
             proposed = cloud.proposed(lower, self.batch, generator)

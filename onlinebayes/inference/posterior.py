@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from typing import cast
 
 import torch
 from jaxtyping import Float
@@ -54,7 +55,8 @@ class Posterior:
             ValueError: another ``combine``.
             BadInput: no trajectory, one without a recorded step, values that are not finite or of another width than
                 the embedding's, or the product of densities that have none in closed form (flows). One unlike
-                anything simulated is not noticed here: :class:`~onlinebayes.inference.Alarm` is asked for that.
+                anything simulated is not noticed here: :class:`~onlinebayes.inference.Alarm` is asked for that. One
+                much shorter or longer is, in a warning on this package's logger.
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
@@ -75,11 +77,13 @@ class Posterior:
     @torch.no_grad()
     def each(self, trajectories: TensorDictBase) -> DensityBatch:
         """One density a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
+        self._loss.mind_lengths(trajectories)
         return self._loss.estimator.distribution(self._loss.embed(trajectories))
 
     @torch.no_grad()
     def of_sets(self, groups: TensorDictBase) -> DensityBatch:
         """One density for each of G sets of trajectories (G, n, T), by an embedding of sets."""
+        self._loss.mind_lengths(cast(TensorDictBase, groups.flatten(0, 1)))
         return self._loss.estimator.distribution(self._loss.embed(groups))
 
     def sample(

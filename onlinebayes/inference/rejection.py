@@ -24,6 +24,7 @@ from torch import Tensor
 from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.base import FitReport
 from onlinebayes.inference.distributions import Box, TruncatedMixture
+from onlinebayes.inference.lengths import Lengths
 from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
@@ -75,6 +76,7 @@ class RejectionABC:
         self.box = box if box is not None else Box.whole(space)
         self._keys = keys if keys is not None else TrajectoryKeys()
         self._z: Tensor | None = None
+        self._learnt_from = Lengths(0, 0)
         self._summaries = torch.zeros(0, 0, dtype=torch.float64)
 
     def fit(
@@ -93,6 +95,7 @@ class RejectionABC:
         values = self._keys.read(recorded, like)
         self.embedding.fit(*values)
         self._summaries, self._z = self.embedding(*values), z
+        self._learnt_from = Lengths.of(self._keys.mask_of(recorded))
         return FitReport(train=[0.0], seconds=monotonic() - began)
 
     def condition(self, trajectories: TensorDictBase) -> TruncatedMixture:
@@ -104,6 +107,7 @@ class RejectionABC:
         """G posteriors, one for each group of n trajectories (G, n, T)."""
         if self._z is None:
             raise BadInput("nothing was simulated yet", "call fit first")
+        self._learnt_from.warn(Lengths.of(self._keys.mask_of(groups.flatten(0, 1))))
         size = groups.shape[:2]
         *values, mask = self._keys.read(groups.flatten(0, 1), self._summaries)
         observed = self.embedding(*values, mask).unflatten(0, size).mean(1)

@@ -39,7 +39,7 @@ from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import Network, Scaled, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
-from onlinebayes.runs import BadInput, load_exactly
+from onlinebayes.runs import BadInput, heed, load_exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +128,7 @@ class DDPG:
         steps = max(1, rows.numel() // self.settings.frames_per_update)
         sums: dict[str, Any] = defaultdict(float)
         for _ in range(steps):
+            heed()
             for name, value in self.step().items():
                 sums[name] += value
         anneal(self.optimiser, self.settings, rows.numel())

@@ -43,7 +43,7 @@ from onlinebayes.objectives.checks import (
 )
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
-from onlinebayes.runs import BadInput, load_exactly
+from onlinebayes.runs import BadInput, heed, load_exactly
 
 LOG_PROB = "action_log_prob"
 PACE, SLOWEST, FASTEST = 1.5, 1e-5, 1e-2
@@ -158,6 +158,7 @@ class PPO:
         steps = 0
         for _ in range(self.settings.epochs):
             for batch in self.buffer:
+                heed()
                 losses = self.loss(batch)
                 self._step(sum(losses[name] for name in LOSSES))
                 steps += 1

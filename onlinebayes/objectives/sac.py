@@ -39,7 +39,7 @@ from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, select
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
-from onlinebayes.runs import load_exactly
+from onlinebayes.runs import heed, load_exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +121,7 @@ class SAC:
         steps = max(1, fresh.numel() // self.settings.frames_per_update)
         sums: dict[str, Any] = defaultdict(float)
         for _ in range(steps):
+            heed()
             for name, value in self.step().items():
                 sums[name] += value
         anneal(self.optimiser, self.settings, fresh.numel())

@@ -6,7 +6,7 @@ from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.digest import NoDigest, digest, source_digest
 from onlinebayes.runs.errors import BadInput, DiskFull, UnknownName
 from onlinebayes.runs.files import atomic_path, together, write_atomic
-from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
+from onlinebayes.runs.interrupt import Grace, Interrupt, Stopped, giving_up, heed
 from onlinebayes.runs.lock import Lock, NoLocks
 from onlinebayes.runs.memo import FolderMemo, Kept, Memo, NoMemo, remembered, users_memo
 from onlinebayes.runs.memory import give_back_freed_memory
@@ -22,7 +22,7 @@ from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_ever
 from onlinebayes.runs.side_by_side import cores, processor_time, side_by_side
 from onlinebayes.runs.stages import Stages
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
-from onlinebayes.runs.threads import one_torch_thread
+from onlinebayes.runs.threads import one_torch_thread, torch_threads_kept
 from onlinebayes.runs.toml import to_toml
 from onlinebayes.runs.watch import UNWATCHED, Watch
 
@@ -34,6 +34,7 @@ __all__ = [
     "Checkpoints",
     "DiskFull",
     "FolderMemo",
+    "Grace",
     "Interrupt",
     "Kept",
     "Lock",
@@ -58,6 +59,7 @@ __all__ = [
     "gather",
     "generator",
     "give_back_freed_memory",
+    "giving_up",
     "heed",
     "leave_inherited_numbers",
     "load_exactly",
@@ -79,6 +81,7 @@ __all__ = [
     "source_digest",
     "to_toml",
     "together",
+    "torch_threads_kept",
     "users_memo",
     "versions",
     "write_arrays",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -70,6 +71,28 @@ def giving_up(asking: MayStop) -> Iterator[None]:
     except (KeyboardInterrupt, Stopped):
         if not asking.requested:
             raise
+
+
+class Grace:
+    """A stop that work need not heed for some seconds: what is nearly done comes to its own end, and is kept.
+
+    Args:
+        asking: who asks for the stop.
+        seconds: from the first look after the request until it is heeded [s].
+    """
+
+    def __init__(self, asking: MayStop, seconds: float = 2.0) -> None:
+        self._asking, self._seconds = asking, seconds
+        self._since: float | None = None
+
+    @property
+    def requested(self) -> bool:
+        """True once the seconds have passed since the work was asked to end."""
+        if not self._asking.requested:
+            return False
+        now = time.monotonic()
+        self._since = now if self._since is None else self._since
+        return now - self._since >= self._seconds
 
 
 class Interrupt:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 from onlinebayes.simulators.base import Simulator
 
 
@@ -41,6 +41,7 @@ def by_steps(
     now, rows = worlds.reset(theta, state), []
     for k, held in enumerate(torch.diff(steps, prepend=steps.new_zeros(1)).long().tolist()):
         for _ in range(held):
+            heed()
             now = worlds.step(inputs[:, k])
         rows.append(now.clone().set("valid", ~worlds.failed))
     return TensorDict.stack(rows, dim=1)

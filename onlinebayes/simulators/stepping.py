@@ -25,6 +25,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.runs import heed
 from onlinebayes.simulators.effects import Effect, Seen
 from onlinebayes.simulators.friction import stick
 
@@ -123,6 +124,7 @@ class Stepper:
         drive, hidden = self._drive(values, hidden, held, None if enable is None else enable[:, None], self.timestep)
         h = self.timestep
         for k in range(steps):
+            heed()
             before = dict(hidden)
             tau, bounds = self._act(values, q, v, hidden, drive, k)
             a = self.acceleration(values, q, v, tau)

@@ -15,7 +15,7 @@ from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.playing import Episode, Player, SimulatedPlayer
 from onlinebayes.trainers.policy_files import PolicyFiles
 from onlinebayes.trainers.problem import Problem, Sizes, Worlds, online_trainer
-from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
+from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem, SystemFailed
 from onlinebayes.trainers.recording import Recording
 from onlinebayes.trainers.repeated import Repeated
 from onlinebayes.trainers.schedule import Schedule, Turn
@@ -61,6 +61,7 @@ __all__ = [
     "SimulatedPlayer",
     "Simulations",
     "Sizes",
+    "SystemFailed",
     "TrajectoryFormat",
     "TrajectorySource",
     "Turn",

@@ -1,5 +1,8 @@
 """The complete state of a run, which goes on as if never stopped, to the last bit on the same machine and threads.
 
+Of worlds that cannot say where they stand, what can be told is kept, see ``env_state``: a run that was stopped while
+its policy learnt goes on from fresh episodes.
+
 | part          | what it holds                                                                        |
 |---------------|--------------------------------------------------------------------------------------|
 | ``online``    | belief, proposal, real trajectories, their policies, records, effects, what is open  |
@@ -17,9 +20,10 @@ from typing import Any
 
 import torch
 from torchrl.collectors import Collector
+from torchrl.envs import EnvBase, TransformedEnv
 
 from onlinebayes.runs import BadInput, Checkpoints, Stateful, one_line, random_state, restore_part, set_random_state
-from onlinebayes.trainers.env_state import collector_state, load_collector_state
+from onlinebayes.trainers.env_state import collector_state, load_collector_state, stands
 from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.online import OnlineTrainer
@@ -69,6 +73,20 @@ class Saver:
         return True
 
 
+def fresh_episodes(trainer: OnlineTrainer | GrowingTrainer) -> str | None:
+    """One line, where a run that goes on is not the same to the last bit; None where it is."""
+    collector = (trainer.trainer if isinstance(trainer, GrowingTrainer) else trainer).collector
+    env = getattr(collector, "env", None)
+    if not isinstance(env, EnvBase) or stands(env):
+        return None
+    kind = type(env.base_env if isinstance(env, TransformedEnv) else env).__mro__
+    name = next(each.__name__ for each in kind if not each.__module__.startswith("onlinebayes"))
+    return (
+        f"worlds of a {name} cannot say where they stand in an episode: stopped while its policy learns, this run goes"
+        " on from fresh episodes, not to the same last bit"
+    )
+
+
 def run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState) -> dict[str, Any]:
     """See the module."""
     if isinstance(trainer, GrowingTrainer):
@@ -96,7 +114,7 @@ def load_run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState, 
     if saved["collector"] is None:
         pass  # a collector of one's own that could not tell
     elif isinstance(trainer.collector, Collector):
-        load_collector_state(trainer.collector, saved["collector"])
+        state.anew = not load_collector_state(trainer.collector, saved["collector"])
     elif isinstance(trainer.collector, Stateful):
         restore_part("collector", trainer.collector, saved["collector"])
     trainer.simulations.load_state_dict(saved["simulations"])

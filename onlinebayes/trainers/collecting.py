@@ -5,6 +5,7 @@ from __future__ import annotations
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
+from onlinebayes.runs import Stopped, heed
 from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.trajectories import Policy
 
@@ -19,4 +20,17 @@ def collector_of(env: EnvBase, policy: Policy, steps: int) -> Batches:
         trust_policy=True,
         track_traj_ids=False,
         auto_register_policy_transforms=False,
+        interruptor=_Heeding(),
     )
+
+
+class _Heeding:
+    """Asked by a collector after each of its steps; an error there would shut it down."""
+
+    def collection_stopped(self) -> bool:
+        """True where the block in hand is to end: the batch is cut short there, for nobody."""
+        try:
+            heed()
+        except Stopped:
+            return True
+        return False

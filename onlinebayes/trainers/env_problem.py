@@ -23,6 +23,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from onlinebayes.inference import Belief
 from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import heed, torch_threads_kept
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers.playing import MOST_STEPS, Episode
 from onlinebayes.trainers.problem import behind_sensors
@@ -34,6 +35,15 @@ from onlinebayes.transforms import ParameterRandomization
 
 Look = Callable[[Any], tuple[tuple[Shape, ...], Float[Tensor, "S 7"]]]
 """The environment behind all wrappers -> its shapes and their poses as it stands."""
+
+
+class _Beside(SerialEnv):
+    """Worlds of this process, which leave torch's threads as they are where they are closed, or forgotten."""
+
+    def close(self, **settings: Any) -> None:
+        """End them."""
+        with torch_threads_kept():
+            super().close(**settings)
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class EnvProblem:
 
     def worlds(self, number: int, drawn: ParameterRandomization, seed: int) -> TransformedEnv:
         """``number`` worlds, their theta drawn by a transform, seen through the sensors."""
-        env = TransformedEnv(SerialEnv(number, self.make), drawn)
+        env = TransformedEnv(_Beside(number, self.make), drawn)
         env.set_seed(seed)
         return behind_sensors(env, self.sensor_sd, self.transforms, seed)
 
@@ -135,6 +145,7 @@ class EnvPlayer:
         seen = [self.look(world.inner)]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             while len(actions) < steps:
+                heed()
                 data = env.step(policy(data))
                 actions.append(data["action"])
                 seen.append(self.look(world.inner))

@@ -23,7 +23,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from onlinebayes.runs import BadInput, Stateful
-from onlinebayes.trainers.real import RealSystem, united
+from onlinebayes.trainers.real import RealSystem, answer, united
 from onlinebayes.trainers.trajectories import Policy
 
 
@@ -132,11 +132,11 @@ class Excited:
 
     def run(self, policy: Policy, steps: int) -> TensorDict | None:
         """The policy's trajectories, and those of an excitation where they hardly move."""
-        seen = self._system.run(policy, steps)
+        seen = answer(self._system, policy, steps)
         if seen is None or self._asked >= self._most or float(self._moved(seen).mean()) >= self._least:
             return seen
         self._asked += 1
-        more = self._system.run(self._excitation, self._steps)
+        more = answer(self._system, self._excitation, self._steps)
         return seen if more is None else united([seen, more])
 
     def state_dict(self) -> dict[str, Any]:

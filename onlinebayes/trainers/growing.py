@@ -157,12 +157,13 @@ class GrowingTrainer:
         assert state.real is not None
         assert isinstance(self.critic, Weigher)
         new, began = state.real[state.weighed :], time.monotonic()
+        now, told = state.hypotheses, ""
         with Interrupt(STOPPING) as interrupt:
             try:
-                now = state.hypotheses.after(self.critic.scores(new, self.first, state.hypotheses))
+                with interrupt.giving_up():
+                    now = state.hypotheses.after(self.critic.scores(new, self.first, state.hypotheses))
                 told = f"weights after {len(new)} new real trajectories: {now.words}"
             except BadInput as error:
-                now = state.hypotheses
                 told = one_line(f"{len(new)} new real trajectories cannot be weighed ({error}); {now.words} as before")
             if interrupt.requested:
                 return False

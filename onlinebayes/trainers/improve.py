@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 from tensordict import TensorDictBase
 
 from onlinebayes.objectives import Objective
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, heed
 
 BUFFER = "buffer"
 """Key under which an objective's ``state_dict`` keeps its replay buffer."""
@@ -34,6 +34,7 @@ def improve(
     after: Callable[[int, int, dict[str, float]], bool] | None = None,
     *,
     begin: int = 0,
+    anew: bool = False,
 ) -> list[str]:
     """Let a policy learn from fresh episodes in the collector's worlds.
 
@@ -45,14 +46,16 @@ def improve(
         batches: how many to learn from.
         after: told the number of batches so far, the frames of the last one and its losses; False ends it early.
         begin: batches that were learnt from before; with 0 the collector begins new episodes.
+        anew: whether it begins them anyway.
 
     Returns:
         Notes on what went wrong.
 
     Raises:
+        Stopped: the block in hand was asked to end; the batch in hand is lost, and a part of its learning.
         BadInput: the collector ended, or the losses are no numbers again and again.
     """
-    if batches and not begin:
+    if begin < batches and (anew or not begin):
         collector.reset()
     # The buffer is large and none of it is wrong: it stays.
     good = copy.deepcopy({key: part for key, part in objective.state_dict().items() if key != BUFFER})
@@ -61,6 +64,7 @@ def improve(
         data = collector.next()
         if data is None:
             raise BadInput(f"the collector ended after {batch - 1} of {batches} batches", "give it total_frames=-1")
+        heed()  # the batch may have been cut short
         losses = objective.update(data)
         wrong = [name for name, value in losses.items() if not math.isfinite(value)]
         if wrong:

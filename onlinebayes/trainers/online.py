@@ -20,13 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
+from onlinebayes.inference import Belief, Decision, FitReport, Gate, History, PosteriorEstimator
 from onlinebayes.inference.calibration import LEVELS, credibility_of
 from onlinebayes.objectives import Objective, TakesBelief
-from onlinebayes.runs import BadInput, Interrupt, Progress, give_back_freed_memory
+from onlinebayes.runs import BadInput, Grace, Interrupt, Progress, give_back_freed_memory, giving_up, heed
 from onlinebayes.trainers.clock import Clock
 from onlinebayes.trainers.following import Follower, Learnt, news
 from onlinebayes.trainers.improve import Batches, improve
@@ -113,20 +116,20 @@ class OnlineTrainer:
 
         Returns:
             ``state``, brought forward. A step that Ctrl-C cut short leaves the policy as far as it got, what was
-            measured, and the belief of the step before.
+            measured, and the belief of the step before. What ends within two seconds ends by itself; a longer batch,
+            measurement or ``on_step`` is given up, and the run goes on from the checkpoint before it.
         """
         save = checkpoint if checkpoint is not None else _keep_nothing
         turns = self.schedule.turns
         until = len(turns) if until is None else min(until, len(turns))
         with Interrupt(STOPPING) as interrupt, Progress("online", len(turns)) as progress:
-            while state.step < until and not interrupt.requested:
+            told = True
+            while told and state.step < until and not interrupt.requested:
                 completed = self._step(state, interrupt, progress, save)
                 give_back_freed_memory()
-                if completed:
-                    if on_step is not None:
-                        on_step(state)
+                if completed and (told := self._told(state, on_step, interrupt)):
                     save(state, True)
-            state.interrupted = state.step < until
+            state.interrupted = state.step < until or not told
             if state.interrupted:
                 progress.update(state.step, f"stopped; kept: {state.kept()}")
         return state
@@ -142,7 +145,8 @@ class OnlineTrainer:
         self._tell(state)
         if state.batches < turn.policy_batches:
             with clock("policy"):
-                self._improve(state, turn.policy_batches, interrupt, progress, save)
+                if not self._improve(state, turn.policy_batches, interrupt, progress, save):
+                    return False
             save(state, True)
         if interrupt.requested:
             return False
@@ -151,7 +155,8 @@ class OnlineTrainer:
             if not state.measured:
                 with clock("real"):
                     progress.update(state.step, "measuring")
-                    self._measure(state)
+                    if not self._measure(state, interrupt):
+                        return False
                 save(state, True)
             if state.real is not None and not interrupt.requested:
                 inferred = self._infer(state, clock, interrupt, progress)
@@ -167,67 +172,101 @@ class OnlineTrainer:
 
     def _improve(
         self, state: OnlineState, batches: int, interrupt: Interrupt, progress: Progress, save: Checkpoint
-    ) -> None:
-        """Policy steps in worlds of the present belief."""
+    ) -> bool:
+        """Policy steps in worlds of the present belief; False where a batch was given up in its middle."""
         self.randomization.set_distribution(self.worlds if self.worlds is not None else state.belief)
 
         def after(done: int, frames: int, losses: dict[str, float]) -> bool:
-            state.batches, state.losses = done, losses
+            state.batches, state.losses, state.anew = done, losses, False
             state.frames += frames
             progress.update(state.step + 0.5 * done / batches, f"policy {done}/{batches}", frames=state.frames)
             if done < batches and not interrupt.requested:
                 save(state, False)
             return not interrupt.requested
 
-        state.notes += improve(self.objective, self.collector, batches, after, begin=state.batches)
+        with giving_up(Grace(interrupt)):
+            state.notes += improve(self.objective, self.collector, batches, after, begin=state.batches, anew=state.anew)
+            return True
+        return False
 
-    def _measure(self, state: OnlineState) -> None:
-        """Ask the real system for trajectories under the present policy."""
-        policy = frozen(self.objective.policy)
-        found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form, state.real)
+    def _measure(self, state: OnlineState, interrupt: Interrupt) -> bool:
+        """Ask the real system for trajectories under the present policy; False where that was given up."""
+        policy, asked = frozen(self.objective.policy), False
+        with giving_up(Grace(interrupt)):
+            found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form, state.real)
+            asked = True
+        if not asked:
+            return False
         if found is not None:
             state.real = found if state.real is None else united([state.real, found])
             state.policies.append(Repeated(found) if self.repeats else policy)
             state.made_by += [len(state.policies) - 1] * len(found)
         state.notes += [note] if note else []
         state.measured = True
+        return True
+
+    def _told(self, state: OnlineState, on_step: Callable[[OnlineState], None] | None, interrupt: Interrupt) -> bool:
+        """Let the caller look at a complete step; False where that was given up, and the step is to be made again."""
+        if on_step is None:
+            return True
+        with giving_up(Grace(interrupt)):
+            on_step(state)
+            return True
+        return False
 
     def _infer(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Inferred | None:
         """Simulate, fit, condition, decide where to simulate next; the state changes at the end, unless stopped."""
-        learnt, follower, notes = self._learnt(state, clock, interrupt, progress), self.follower, list[str]()
-        if learnt is None:
+        found: tuple[Learnt, _Concluded] | None = None
+        with interrupt.giving_up():
+            learnt = self._learnt(state, clock, progress)
+            found = learnt, self._concluded(state, learnt, clock)
+        if found is None or interrupt.requested:
             return None
+        learnt, now = found
+        notes = [] if now.history is None else news(state.history, now.history)
+        state.belief, state.proposal, state.history = now.belief, now.decision.proposal, now.history
+        state.simulated += learnt.simulated.numel() + learnt.groups.numel()
+        state.notes += [*_doubts(learnt.report), *notes, now.decision.reason]
+        calibration = tuple(float((now.alpha <= level).double().mean()) for level in LEVELS)
+        return Inferred(learnt.report, now.decision.coverage, calibration)
+
+    def _concluded(self, state: OnlineState, learnt: Learnt, clock: Clock) -> _Concluded:
+        """Condition on the real trajectories, and decide where to simulate next."""
+        follower = self.follower
         with clock("gate" if follower is None else "change"):
             if follower is None:
                 belief, history = learnt.estimator.condition(state.real), None
             else:
                 belief, history = follower.belief(learnt, state.history, state.real)
-                notes = news(state.history, history)
         with clock("gate"):
             theta = learnt.groups.get(self.held_out.form.theta)[:, 0, 0]
             alpha = credibility_of(learnt.estimator.each(learnt.groups), theta, generator=self.generator)
             decision = self.gate.decide(belief, state.proposal, alpha, generator=self.generator)
-        state.belief, state.proposal, state.history = belief, decision.proposal, history
-        state.simulated += learnt.simulated.numel() + learnt.groups.numel()
-        state.notes += [*_doubts(learnt.report), *notes, decision.reason]
-        calibration = tuple(float((alpha <= level).double().mean()) for level in LEVELS)
-        return Inferred(learnt.report, decision.coverage, calibration)
+        return _Concluded(belief, history, alpha, decision)
 
-    def _learnt(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Learnt | None:
-        """Simulate and fit; None where Ctrl-C ended it."""
+    def _learnt(self, state: OnlineState, clock: Clock, progress: Progress) -> Learnt:
+        """Simulate and fit."""
         with clock("simulate"):
             progress.update(state.step, "simulating")
             makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
             simulated = self.simulations.draw(makers, state.proposal)
             members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
             groups = self.held_out.groups(members, state.proposal)
-        if interrupt.requested:
-            return None
-        with clock("fit"), interrupt.giving_up():
+        heed()
+        with clock("fit"):
             progress.update(state.step, "fitting")
             estimator = self.estimator(state.proposal)
             report = estimator.fit(simulated, groups, generator=self.generator)
-        return None if interrupt.requested else Learnt(estimator, report, simulated, groups)
+        return Learnt(estimator, report, simulated, groups)
+
+
+class _Concluded(NamedTuple):
+    """The conclusion of a step: belief, history of a machine that may change, alpha of the groups, next proposal."""
+
+    belief: Belief
+    history: History | None
+    alpha: Float[Tensor, " G"]
+    decision: Decision
 
 
 def _doubts(report: FitReport) -> list[str]:

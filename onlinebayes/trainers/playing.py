@@ -21,7 +21,7 @@ from onlinebayes.simulators.drawing import scene
 from onlinebayes.trainers.problem import Problem
 from onlinebayes.trainers.simulations import Point
 from onlinebayes.trainers.state import OnlineState, mean_of
-from onlinebayes.trainers.trajectories import Policy
+from onlinebayes.trainers.trajectories import Policy, rolled_out
 from onlinebayes.transforms import ParameterRandomization
 
 MOST_STEPS = 500  # of an episode
@@ -87,7 +87,7 @@ def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[
     """States (T + 1,) and commands (T, U) of one episode under the policy's deterministic action, to its end."""
     env = problem.worlds(1, ParameterRandomization(Point(theta)), seed=0, with_state=True)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        data = env.rollout(steps_of(problem), policy)[0]
+        data = rolled_out(env, policy, steps_of(problem), to_end=True)[0]
     states = cast(TensorDict, torch.cat([data["state"], data["next", "state"][-1:]]))
     return states.exclude("theta", "steps"), problem.task.command(data["action"]).to(problem.simulator.dtype)
 

@@ -1,7 +1,7 @@
 """The system in question, whatever gives its trajectories: an environment, a folder of logs, a robot.
 
 It may have nothing new, fail, or give rubbish. None of this ends a run: what is usable is kept, and a note says why
-the rest was left out.
+the rest was left out. What fails in this library's own code is no failure of the system, and is raised.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Any, Protocol, runtime_checkable
 
 import torch
 from tensordict import TensorDict, TensorDictBase, is_tensor_collection, pad
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 
-from onlinebayes.runs import Stateful, one_line
+from onlinebayes.runs import BadInput, Stateful, Stopped, one_line
+from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers.env_state import env_state, load_env_state
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
 
@@ -31,6 +32,36 @@ class RealSystem(Protocol):
         """Trajectories of batch size (n, T), with the keys of a simulated one but no theta; None if nothing is new."""
 
 
+class SystemFailed(Exception):
+    """Raised where the code of a user's system, reader or driver raised ``error``.
+
+    Args:
+        error: what it raised.
+    """
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__(f"{type(error).__name__}: {error}")
+
+
+def answer(system: RealSystem, policy: Policy, steps: int) -> TensorDict | None:
+    """What a real system gives; whoever wraps another one asks it so.
+
+    Raises:
+        SystemFailed: a system of somebody else's raised something, or refused its input.
+        Exception: a mistake in this library, in one of its own systems.
+    """
+    try:
+        return system.run(policy, steps)
+    except (Stopped, SystemFailed):
+        raise
+    except Exception as error:  # a driver may raise anything
+        if type(system).__module__.partition(".")[0] == __package__.partition(".")[0] and not isinstance(
+            error, BadInput
+        ):
+            raise
+        raise SystemFailed(error) from error
+
+
 class RealEnvironment:
     """Any TorchRL environment as the real system: a simulator's, a wrapped Gymnasium environment, a robot's driver.
 
@@ -39,7 +70,7 @@ class RealEnvironment:
         form: which keys make up a trajectory.
     """
 
-    __slots__ = ("_load", "_run", "_state")
+    __slots__ = ("_foreign", "_load", "_run", "_state")
 
     def __init__(self, env: EnvBase, form: TrajectoryFormat | None = None) -> None:
         form = form if form is not None else TrajectoryFormat()
@@ -48,11 +79,19 @@ class RealEnvironment:
             seen = trajectories(env, policy, steps, form).exclude(form.theta)
             return seen if seen.ndim == 2 else seen.unsqueeze(0)
 
+        self._foreign = not isinstance(env.base_env if isinstance(env, TransformedEnv) else env, SimulatorEnv)
         self._run, self._state, self._load = run, lambda: env_state(env), lambda state: load_env_state(env, state)
 
     def run(self, policy: Policy, steps: int) -> TensorDict:
         """One trajectory from each world; neither the environment nor its theta can be had from here."""
-        return self._run(policy, steps)
+        try:
+            return self._run(policy, steps)
+        except Stopped:
+            raise
+        except Exception as error:  # of a driver, or of TorchRL that cannot use what it gave
+            if self._foreign:
+                raise SystemFailed(error) from error
+            raise
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the environment, for a checkpoint."""
@@ -77,22 +116,41 @@ class GrowingFolder:
         self._seen: set[str] = set()
 
     def run(self, policy: Policy, steps: int) -> TensorDict | None:
-        """Read the new files, padded to one length; a file that cannot be read now is tried again at the next call."""
+        """Read the new files, padded to one length; a file that cannot be read now is tried again at the next call.
+
+        Raises:
+            SystemFailed: none of the new files could be read.
+            BadInput: they cannot stand side by side.
+        """
         found, unreadable = dict[str, TensorDict](), None
         for path in sorted(self.folder.glob(self.pattern)):
             if path.name in self._seen:
                 continue
             try:
                 data = self._read(path)
-            except Exception as error:  # whoever writes the file may not have ended yet
+            except Stopped:
+                raise
+            except Exception as error:  # of the user's reader: whoever writes the file may not have ended yet
                 unreadable = error
                 continue
             found[path.name] = data if data.ndim == 2 else data.unsqueeze(0)
         if not found and unreadable is not None:
-            raise unreadable
-        result = united(found.values()) if found else None
+            raise SystemFailed(unreadable) from unreadable
+        result = self._beside(found) if found else None
         self._seen |= set(found)
         return result
+
+    def _beside(self, found: Mapping[str, TensorDict]) -> TensorDict:
+        """The trajectories of some files.
+
+        Raises:
+            BadInput: they have not the same keys and widths.
+        """
+        try:
+            return united(found.values())
+        except (RuntimeError, KeyError) as error:  # of torch.cat
+            problem = f"{', '.join(found)} cannot stand side by side ({one_line(str(error))[:200]})"
+            raise BadInput(problem, "give all logs the same keys and widths", where=str(self.folder)) from error
 
     def state_dict(self) -> dict[str, Any]:
         """Names of the files that were read."""
@@ -142,8 +200,8 @@ class Background:
 
     def _work(self, policy: Policy, steps: int) -> None:
         try:
-            self._result.append(self._system.run(policy, steps))
-        except BaseException as error:  # told to whoever asks next
+            self._result.append(answer(self._system, policy, steps))
+        except BaseException as error:  # raised where its answer is asked for: nobody looks at a thread
             self._result.append(error)
 
 
@@ -159,9 +217,9 @@ def measured(
         before: trajectories that the new ones are to stand beside.
     """
     try:
-        data = system.run(policy, steps)
-    except Exception as error:
-        return None, one_line(f"the real system failed ({type(error).__name__}: {error}); the belief stays as it was")
+        data = answer(system, policy, steps)
+    except SystemFailed as failed:
+        return None, one_line(f"the real system failed ({failed}); the belief stays as it was")
     if data is None:
         return None, "the real system gave nothing new; the belief stays as it was"
     if not is_tensor_collection(data) or data.ndim != 2:

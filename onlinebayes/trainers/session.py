@@ -17,7 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from onlinebayes.inference import Belief
 from onlinebayes.runs import RunFolder, write_atomic
-from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.checkpoint import Saver, fresh_episodes
 from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState, Record
@@ -59,6 +59,8 @@ def run_in_folder(
     """
     state = OnlineState.begin(prior)
     saver = Saver(trainer, folder.checkpoints)
+    if (told := fresh_episodes(trainer)) is not None:
+        print(told, flush=True)
     if saver.resume(state):
         print(f"going on in {folder.folder}: {state.kept()}", flush=True)
 

@@ -86,6 +86,7 @@ class OnlineState:
         aside: seconds spent on criticism since the last record [s], by the name of the work.
         history: what was made of the real trajectories, where the machine may change; None before the first.
         interrupted: whether the run was stopped before its last step.
+        anew: whether the policy's next batch begins new episodes, for the worlds cannot say where they stood.
     """
 
     belief: Belief
@@ -107,6 +108,7 @@ class OnlineState:
     aside: dict[str, float] = field(default_factory=dict)
     history: History | None = None
     interrupted: bool = False
+    anew: bool = False
 
     @classmethod
     def begin(cls, prior: Belief) -> OnlineState:

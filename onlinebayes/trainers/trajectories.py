@@ -16,6 +16,8 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from onlinebayes.runs import heed
+
 Policy: TypeAlias = TensorDictModuleBase
 """``"observation"`` -> ``"action"``."""
 
@@ -51,7 +53,7 @@ def trajectories(env: EnvBase, policy: Policy, steps: int, form: TrajectoryForma
     """
     form = form if form is not None else TrajectoryFormat()
     with set_exploration_type(ExplorationType.RANDOM):
-        data = env.rollout(steps, policy, break_when_any_done=False)
+        data = rolled_out(env, policy, steps)
     result = data.select(*form.keys)
     result["mask"] = first_episode(data, form.done)
     theta = data.get(form.theta, None)
@@ -70,8 +72,24 @@ def returns(env: EnvBase, policy: Policy, steps: int) -> Float[Tensor, " N"]:
         steps: longest episode that counts.
     """
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        data = env.rollout(steps, policy, break_when_any_done=False)
+        data = rolled_out(env, policy, steps)
     return (data["next", "reward"].squeeze(-1) * first_episode(data)).sum(-1)
+
+
+def rolled_out(env: EnvBase, policy: Policy, steps: int, *, to_end: bool = False) -> TensorDict:
+    """A rollout (*batch, T) that ends early where the block in hand is to end.
+
+    Args:
+        env: the worlds.
+        policy: ``"observation"`` -> ``"action"``.
+        steps: longest length T.
+        to_end: whether it stops where an episode ends; else worlds begin new ones.
+
+    Raises:
+        Stopped: the block in hand was asked to end.
+    """
+    heed()
+    return env.rollout(steps, policy, break_when_any_done=to_end, callback=lambda *_: heed())
 
 
 def first_episode(data: TensorDictBase, done: NestedKey = ("next", "done")) -> Bool[Tensor, "N T"]:

@@ -18,7 +18,8 @@ steps, so that resets are partial. ``check_transform`` runs them all but the pro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import torch
@@ -37,11 +38,21 @@ from torchrl.envs import (
     check_env_specs,
 )
 
+from onlinebayes.runs import torch_threads_kept
+
 MakeEnv = Callable[[], EnvBase]
 MakeTransform = Callable[[], Transform]
 STEPS = 60
 
 
+@contextmanager
+def _leaving_all_as_it_was() -> Iterator[None]:
+    """Put torch's threads and random numbers back."""
+    with torch_threads_kept(), torch.random.fork_rng(devices=[]):
+        yield
+
+
+@_leaving_all_as_it_was()
 def check_transform(
     make_env: MakeEnv, make_transform: MakeTransform, example: Callable[[], TensorDictBase] | None = None
 ) -> None:
@@ -72,16 +83,19 @@ def check_single(make_env: MakeEnv, make_transform: MakeTransform) -> None:
     check_env_specs(TransformedEnv(make_env(), Compose(make_transform(), RewardSum())))
 
 
+@_leaving_all_as_it_was()
 def check_serial(make_env: MakeEnv, make_transform: MakeTransform) -> None:
     """Two transformed environments one after the other."""
     _check_nested(SerialEnv(2, partial(_transformed, make_env, make_transform)))
 
 
+@_leaving_all_as_it_was()
 def check_batched(make_env: MakeEnv, make_transform: MakeTransform) -> None:
     """One transform over two environments."""
     _check_nested(TransformedEnv(SerialEnv(2, make_env), make_transform()))
 
 
+@_leaving_all_as_it_was()
 def check_parallel(make_env: MakeEnv, make_transform: MakeTransform) -> None:
     """As ``check_serial`` and ``check_batched``, in processes; the factories must be functions of a module."""
     _check_nested(ParallelEnv(2, partial(_transformed, make_env, make_transform)))

@@ -11,11 +11,13 @@ from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 
 from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes import objectives
 from onlinebayes.objectives import (
     ActorCriticSettings,
     DDPGSettings,
     Hindsight,
     Objective,
+    Planned,
     PPOSettings,
     SACSettings,
     actor_critic,
@@ -48,6 +50,10 @@ def with_memory() -> EnvBase:
     return TransformedEnv(cartpoles(), Compose(*actor_critic(*specs(cartpoles), NARROW).transforms()))
 
 
+def swings_with_memory() -> EnvBase:
+    return TransformedEnv(pendulums(), Compose(*actor_critic(*specs(pendulums), NARROW).transforms()))
+
+
 def specs(make_env: Callable[[], EnvBase]) -> tuple:
     env = make_env()
     return env.observation_spec_unbatched, env.action_spec_unbatched
@@ -67,12 +73,34 @@ BUILT: dict[str, tuple[Callable[[], EnvBase], Callable[[], Objective]]] = {
         points,
         lambda: ddpg(*specs(points), DETERMINISTIC, in_keys=KEYS, hindsight=Hindsight(reward)),
     ),
+    "ppo, of continuous actions, at a pace": (
+        pendulums,
+        lambda: ppo(*specs(pendulums), replace(ONCE, target_kl=0.01)),
+    ),
+    "ppo, of several inputs": (points, lambda: ppo(*specs(points), ONCE, in_keys=KEYS)),
+    "sac, of several inputs": (points, lambda: sac(*specs(points), SOFT, in_keys=KEYS)),
+    "ddpg, normalised": (pendulums, lambda: ddpg(*specs(pendulums), replace(DETERMINISTIC, normalise=True))),
+    "ddpg, hindsight, normalised": (
+        points,
+        lambda: ddpg(*specs(points), replace(DETERMINISTIC, normalise=True), in_keys=KEYS, hindsight=Hindsight(reward)),
+    ),
+    "recurrent, of continuous actions": (
+        swings_with_memory,
+        lambda: actor_critic(*specs(pendulums), NARROW),
+    ),
     "recurrent": (with_memory, lambda: actor_critic(*specs(cartpoles), NARROW)),
     "recurrent, normalised": (
         with_memory,
         lambda: actor_critic(*specs(cartpoles), replace(NARROW, normalise=True)),
     ),
 }
+
+
+def test_every_objective_of_the_library_is_among_them() -> None:
+    """But for a planner's, which refuses to be taught (see ``test_planned``)."""
+    parts = [getattr(objectives, name) for name in objectives.__all__]
+    learning = {part for part in parts if all(hasattr(part, name) for name in ("update", "load_state_dict"))}
+    assert learning - {Objective, Planned} == {type(make()) for _, make in BUILT.values()}
 
 
 @pytest.mark.usefixtures("without_shape_checks")

@@ -145,6 +145,10 @@ def test_batches_follow_the_belief_and_the_policy(workers: Workers) -> None:
     assert drawn.distribution is PRIOR
 
 
+def test_parts_draw_each_their_own(workers: Workers) -> None:
+    assert len(batches(workers, number=1)[0]["theta"][:, 0].unique(dim=0)) == WORLDS
+
+
 def test_a_collector_goes_on_from_its_checkpoint(workers: Workers, tmp_path: Path) -> None:
     made, _, _ = collector(workers)
     made.reset()

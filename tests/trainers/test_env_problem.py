@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import pytest
 import torch
 
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import sac
-from onlinebayes.runs import BadInput
-from onlinebayes.trainers import EnvPlayer, EnvProblem, OnlineState, Point, Schedule, Sizes, online_trainer
+from onlinebayes.objectives import SACSettings, sac
+from onlinebayes.runs import BadInput, Checkpoints, RunFolder, seed_everything
+from onlinebayes.runs.checkpoints import plain
+from onlinebayes.trainers import (
+    EnvPlayer,
+    EnvProblem,
+    OnlineState,
+    OnlineTrainer,
+    Point,
+    Saver,
+    Schedule,
+    Sizes,
+    online_trainer,
+    run_in_folder,
+)
+from onlinebayes.trainers.checkpoint import fresh_episodes, run_state
 from onlinebayes.transforms import ParameterRandomization
+from recipes import custom_gym
 from recipes.custom_gym import SPACE, look, pendulum
+from tests.trainers.test_online import Killed, build, leaves
 from tests.trainers.test_playing import after_a_step
 
 PROBLEM = EnvProblem(pendulum, BoxUniform(SPACE), 20, beside=4, episodes=3)
@@ -81,6 +98,76 @@ def test_a_policy_that_learns_alone_needs_no_estimator() -> None:
     assert (state.frames, state.real, state.belief) == (8, None, PROBLEM.prior)
     with pytest.raises(BadInput, match="without an estimator"):
         trainer("online")
+
+
+def learning() -> OnlineTrainer:
+    seed_everything(0)
+    return online_trainer(
+        PROBLEM,
+        sac(*PROBLEM.specs, SACSettings(widths=(8, 8), memory=200, minibatch=16, frames_per_update=8)),
+        estimator=partial(custom_gym.estimator, 2),
+        real=PROBLEM.hidden(TRUTH, 7),
+        schedule=Schedule(2, 3, real_steps=8),
+        sizes=Sizes(worlds=2, batch_steps=4, simulations=12, groups=4),
+    )
+
+
+def parted(first: dict, second: dict) -> list[str]:
+    """Names of what is not the same, but for seconds and for what a collector last carried, which begins anew."""
+    told = [{key: value for key, value in leaves(plain(each)).items() if known(key)} for each in (first, second)]
+    if told[0].keys() != told[1].keys():
+        return sorted(told[0].keys() ^ told[1].keys())
+    return [key for key, value in told[0].items() if not same(value, told[1][key])]
+
+
+def known(key: str) -> bool:
+    return "seconds" not in key and not key.startswith("/collector/carried")
+
+
+def same(one: object, other: object) -> bool:
+    return torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other
+
+
+SAVES = ["1 batch", "2 batches", "policy", "real", "step"]
+"""When a run saves, in each of its two steps."""
+
+
+@pytest.mark.usefixtures("without_shape_checks")
+@pytest.mark.parametrize("after", range(1, 10))
+def test_a_run_that_is_stopped_goes_on_as_far_as_its_worlds_can_tell(after: int, tmp_path: Path) -> None:
+    """To the last bit where no episode was under way that the policy would have learnt from on."""
+    trainer, state = learning(), OnlineState.begin(PROBLEM.prior)
+    trainer.run(state)
+    whole = run_state(trainer, state)
+
+    trainer, saves = learning(), []
+    saver = Saver(trainer, Checkpoints(tmp_path, "test"), every=0.0)
+
+    def save_and_die(state: OnlineState, now: bool) -> None:
+        saver(state, now)
+        saves.append(now)
+        if len(saves) == after:
+            raise Killed
+
+    with pytest.raises(Killed):
+        trainer.run(OnlineState.begin(PROBLEM.prior), checkpoint=save_and_die)
+    trainer, state = learning(), OnlineState.begin(PROBLEM.prior)
+    saver = Saver(trainer, Checkpoints(tmp_path, "test"), every=0.0)
+    assert saver.resume(state)
+    trainer.run(state, checkpoint=saver)
+    others = parted(run_state(trainer, state), whole)
+    in_policy = "batch" in SAVES[(after - 1) % len(SAVES)]
+    assert bool(others) == in_policy, others
+    assert trainer.collector._frames == whole["collector"]["frames"]
+
+
+def test_that_it_is_not_the_same_is_said_at_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with RunFolder(tmp_path / "environment", "test") as folder:
+        run_in_folder(trainer("policy-only"), PROBLEM.prior, folder)
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("worlds of a SerialEnv cannot say where they stand in an episode")
+    assert "not to the same last bit" in said[0]
+    assert fresh_episodes(build()) is None, "worlds of a simulator can say it"
 
 
 def test_worlds_draw_from_the_distribution() -> None:

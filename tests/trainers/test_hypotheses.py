@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from tensordict import TensorDict
 from onlinebayes.criticism import refine
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter
-from onlinebayes.runs import BadInput, Checkpoints
+from onlinebayes.runs import BadInput, Checkpoints, heed
 from onlinebayes.simulators.effects import ActuatorDelay, SensorBias, ViscousFriction
 from onlinebayes.simulators.effects.plain import to_plain
 from onlinebayes.trainers import Finding, LoggedRuns, OnlineState, Saver, SearchCritic
@@ -133,6 +135,23 @@ def test_trajectories_that_cannot_be_weighed_end_nothing() -> None:
     state = build(Refuses((0.0, 0.0))).run(OnlineState.begin(PROBLEM.prior))
     assert state.hypotheses == torn()
     assert any("cannot be weighed (too short; record more)" in note for note in state.records[-1].notes)
+
+
+def test_a_stop_is_heeded_while_trajectories_are_weighed() -> None:
+    class Slow(Torn):
+        turns = 0
+
+        def scores(self, real, problem, hypotheses) -> torch.Tensor:
+            os.kill(os.getpid(), signal.SIGTERM)
+            for _ in range(1000):
+                heed()
+                self.turns += 1
+            return super().scores(real, problem, hypotheses)
+
+    critic = Slow((4.0, 0.6))
+    state = build(critic).run(OnlineState.begin(PROBLEM.prior))
+    assert (state.interrupted, state.hypotheses) == (True, torn())
+    assert critic.turns <= 1
 
 
 def test_what_is_open_is_saved_and_loaded(tmp_path: Path) -> None:

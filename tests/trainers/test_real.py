@@ -10,8 +10,22 @@ import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import EnvBase
 
-from onlinebayes.trainers import Background, GrowingFolder, TrajectoryFormat
+from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators import SimulatorEnv
+from onlinebayes.trainers import (
+    Background,
+    Excited,
+    GrowingFolder,
+    RealEnvironment,
+    RealSystem,
+    SystemFailed,
+    TrajectoryFormat,
+    real,
+)
 from onlinebayes.trainers.real import measured, united
 
 POLICY = TensorDictModule(nn.Identity(), ["observation"], ["action"])
@@ -33,7 +47,7 @@ def test_a_folder_gives_each_log_once_padded_to_one_length(tmp_path: Path) -> No
     assert found["observation"].squeeze(-1).tolist() == [[1, 2, 3], [4, 5, 0]]
     assert found["mask"].tolist() == [[True] * 3, [True, True, False]]
     (tmp_path / "c.csv").write_text("6 half a numb")
-    with pytest.raises(ValueError, match="half"):
+    with pytest.raises(SystemFailed, match="half"):
         system.run(POLICY, 1)
     (tmp_path / "c.csv").write_text("6 7")
     assert system.run(POLICY, 1)["observation"].squeeze(-1).tolist() == [[6, 7]]
@@ -118,8 +132,84 @@ def test_logs_that_cannot_stand_together_are_read_again(tmp_path: Path) -> None:
     (tmp_path / "1.csv").write_text("")
     (tmp_path / "2.csv").write_text("")
     for _ in range(2):
-        with pytest.raises(RuntimeError):
+        with pytest.raises(BadInput, match=r"1.csv, 2.csv cannot stand side by side"):
             system.run(POLICY, 1)
     (tmp_path / "2.csv").unlink()
     assert system.run(POLICY, 1).shape == (2, 2)
     assert system.run(POLICY, 1) is None
+
+
+# --- whose fault it was ---------------------------------------------------------------------------------------------
+
+
+class Driven(EnvBase):
+    """A robot's driver, which fails in its own code, or gives what TorchRL cannot use."""
+
+    def __init__(self, raises: bool) -> None:
+        super().__init__(batch_size=())
+        self.raises = raises
+        self.observation_spec = Composite(observation=Unbounded(1))
+        self.action_spec, self.reward_spec = Unbounded(1), Unbounded(1)
+
+    def _reset(self, tensordict: TensorDict | None = None, **_) -> TensorDict:
+        if self.raises:
+            raise OSError("no cable")
+        return TensorDict({"observation": "a word"})
+
+    def _step(self, tensordict: TensorDict) -> TensorDict:
+        raise NotImplementedError
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Nothing is drawn."""
+
+
+class Unplugged:
+    def run(self, policy, steps: int) -> TensorDict | None:
+        raise OSError("no cable")
+
+
+def unreadable(folder: Path) -> GrowingFolder:
+    (folder / "a.csv").write_text("")
+
+    def read(path: Path) -> TensorDict:
+        raise OSError("no cable")
+
+    return GrowingFolder(folder, read)
+
+
+def beside(system: RealSystem) -> Background:
+    background = Background(system)
+    called(background)
+    return background
+
+
+def excited(system: RealSystem) -> Excited:
+    return Excited(system, POLICY, lambda seen: torch.ones(1), least=1.0, steps=1)
+
+
+@pytest.mark.parametrize("wrapped", [lambda system: system, beside, excited], ids=["bare", "background", "excited"])
+@pytest.mark.parametrize("kind", ["robot", "folder", "driver", "rubbish"])
+def test_what_a_users_system_raises_is_a_line(kind: str, wrapped, tmp_path: Path) -> None:
+    systems = {
+        "robot": Unplugged(),
+        "folder": unreadable(tmp_path),
+        "driver": RealEnvironment(Driven(raises=True)),
+        "rubbish": RealEnvironment(Driven(raises=False)),
+    }
+    found, note = measured(wrapped(systems[kind]), POLICY, 1, TrajectoryFormat())
+    assert found is None
+    assert note.startswith("the real system failed (" + ("OSError: no cable)" if kind != "rubbish" else ""))
+
+
+@pytest.mark.parametrize("wrapped", [lambda system: system, beside, excited], ids=["bare", "background", "excited"])
+@pytest.mark.parametrize("kind", ["hidden world", "folder"])
+def test_a_mistake_of_ours_is_raised(kind: str, wrapped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def mistaken(*_, **__) -> None:
+        raise KeyError("a mistake of ours")
+
+    monkeypatch.setattr(real, "trajectories", mistaken)
+    monkeypatch.setattr(Path, "glob", mistaken)
+    world = RealEnvironment(SimulatorEnv(Pendulum(["mass"], 1), PendulumTask(5)))
+    system = {"hidden world": world, "folder": GrowingFolder(tmp_path, read)}[kind]
+    with pytest.raises(KeyError, match="a mistake of ours"):
+        measured(wrapped(system), POLICY, 1, TrajectoryFormat())

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 import torch
 from tensordict import TensorDict
 from torch import Tensor
-from torchrl.collectors import Collector
+from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import EnvBase, ParallelEnv, SerialEnv, TransformedEnv
 
+from onlinebayes.inference import BoxUniform
 from onlinebayes.runs import BadInput, leave_inherited_numbers
 from onlinebayes.transforms import ParameterRandomization, SensorNoise
 from onlinebayes.transforms.testing import check_parallel, check_transform
+from recipes import custom_gym
 from tests.transforms.systems import Uniform, make_env
 
 
@@ -167,13 +170,45 @@ def draws(env: EnvBase, resets: int = 3) -> Tensor:
         env.close()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("start", "seed"), [("fork", None), ("fork", 5), ("spawn", None)])
-def test_workers_draw_each_their_own(start: str, seed: int | None) -> None:
-    env = ParallelEnv(3, randomised, mp_start_method=start)
+def swinging() -> TransformedEnv:
+    """One of Gymnasium's pendulums, randomised where it is made."""
+    return TransformedEnv(custom_gym.pendulum(), ParameterRandomization(BoxUniform(custom_gym.SPACE)))
+
+
+BESIDE: dict[str, Callable[[Callable[[], EnvBase]], EnvBase]] = {
+    "serial": lambda make: SerialEnv(3, make),
+    "forked": lambda make: ParallelEnv(3, make, mp_start_method="fork"),
+    "spawned": lambda make: ParallelEnv(3, make, mp_start_method="spawn"),
+    "as TorchRL starts them": lambda make: ParallelEnv(3, make),
+    "serial in forked": lambda make: ParallelEnv(2, partial(SerialEnv, 2, make), mp_start_method="fork"),
+}
+
+
+@pytest.mark.parametrize("make", [randomised, swinging], ids=["simulator", "gymnasium"])
+@pytest.mark.parametrize("seed", [None, 5])
+@pytest.mark.parametrize("beside", [pytest.param(b, marks=[pytest.mark.slow] * (b != "serial")) for b in BESIDE])
+def test_environments_of_environments_draw_each_their_own(
+    beside: str, seed: int | None, make: Callable[[], EnvBase]
+) -> None:
+    torch.manual_seed(0)
+    env = BESIDE[beside](make)
     if seed is not None:
         env.set_seed(seed)
-    assert len(draws(env).unique(dim=0)) == 27
+    found = draws(env)
+    assert len(found.unique(dim=0)) == len(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [randomised, swinging], ids=["simulator", "gymnasium"])
+def test_collectors_in_processes_draw_each_their_own(make: Callable[[], EnvBase]) -> None:
+    worlds = make().batch_size.numel()
+    torch.manual_seed(0)
+    collector = MultiSyncCollector([make] * 3, None, frames_per_batch=3 * worlds * 4, total_frames=-1)
+    try:
+        batch = next(iter(collector))
+    finally:
+        collector.shutdown()
+    assert len(batch["theta"].reshape(-1, 2).unique(dim=0)) == 3 * worlds
 
 
 @pytest.mark.slow
@@ -185,14 +220,6 @@ def test_workers_that_are_forked_repeat_what_a_seed_says() -> None:
 
     assert torch.equal(after(5), after(5))
     assert not torch.equal(after(5), after(6))
-
-
-def test_several_in_one_process_draw_each_their_own() -> None:
-    for seed in (None, 5):
-        env = SerialEnv(3, randomised)
-        if seed is not None:
-            env.set_seed(seed)
-        assert len(draws(env).unique(dim=0)) == 27
 
 
 def test_a_forked_process_leaves_its_parents_numbers_once() -> None:

@@ -15,13 +15,18 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, cores, heed
 from onlinebayes.simulators.mujoco.host import to_host
+from onlinebayes.simulators.mujoco.reused import worlds_at
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
 MEMORY = 2**26
 """Numbers that controls and records of one engine call may take together (512 MiB); more worlds go in several calls."""
+
+STEPS = 2**16
+"""Timesteps of all worlds together in one engine call, between two looks whether the work is to end: a second or two of
+a machine with contacts."""
 
 
 def rollout(
@@ -42,11 +47,14 @@ def rollout(
     marks = _marks(times, system.model.opt.timestep)
     width = system.model.nu + system.record.size + len(system.sensors)
     per_world = max(1, int(marks[-1])) * width
-    chunk = max(1, MEMORY // per_world)
-    parts = [
-        _rollout(system, threads, theta[i : i + chunk], state[i : i + chunk], inputs[i : i + chunk], marks)
-        for i in range(0, len(theta), chunk)
-    ]
+    # Every thread has a world to step, however long the rollout.
+    busy = max(STEPS // max(1, int(marks[-1])), threads or cores())
+    chunk = max(1, min(MEMORY // per_world, busy))
+    parts = []
+    for i in range(0, len(theta), chunk):
+        heed()
+        rows = slice(i, i + chunk)
+        parts.append(_rollout(system, threads, theta[rows], state[rows], inputs[rows], marks))
     return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
@@ -68,8 +76,14 @@ def _rollout(
     inputs: TensorDictBase,
     marks: np.ndarray,
 ) -> TensorDict:
-    worlds = Worlds(system, len(theta), threads)
-    worlds.write_theta(to_host(theta))
+    with worlds_at(system, to_host(theta), threads, int(marks[-1])) as worlds:
+        return _of_worlds(worlds, theta, state, inputs, marks)
+
+
+def _of_worlds(
+    worlds: Worlds, theta: Tensor, state: TensorDictBase, inputs: TensorDictBase, marks: np.ndarray
+) -> TensorDict:
+    system = worlds.system
     worlds.write_state(state)
     before = worlds.read_state()
     start = system.record.pack(before, len(theta))

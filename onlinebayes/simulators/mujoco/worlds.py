@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 
-from onlinebayes.runs import cores
+from onlinebayes.runs import cores, heed
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
@@ -88,6 +88,12 @@ class Worlds:
     def revive(self, ids: np.ndarray | None = None) -> None:
         """The worlds ``ids`` (all without) have not failed."""
         self.failed[slice(None) if ids is None else ids] = False
+
+    def begin_again(self, failed: np.ndarray) -> None:
+        """Stand as new worlds do, but for theta, which stays; ``failed`` (N,) are those that refused it."""
+        self.failed[:] = failed
+        self.write_enable(None)
+        self.trace = []
 
     def write_enable(self, enable: np.ndarray | None) -> None:
         """Switch actuators: enable (N, U), None for all on. Off means that the actuator gives no force."""
@@ -227,6 +233,7 @@ class Worlds:
         good[self.failed] = 0
         before = self._record.copy()
         for k in range(steps):
+            heed()
             self._ctrl[...] = ctrl[:, k]
             self._step_once()
             self._settle(before)

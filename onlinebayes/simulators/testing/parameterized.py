@@ -11,12 +11,13 @@ from torch import Tensor
 from torchrl.envs import EnvBase, SerialEnv, check_env_specs
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, torch_threads_kept
 from onlinebayes.simulators.testing.trials import require, require_same
 
 _WORLDS = 3  # environments beside each other
 
 
+@torch_threads_kept()
 def check_parameterized(
     make_env: Callable[[], EnvBase],
     space: ParameterSpace,

@@ -66,20 +66,23 @@ class Part:
         """The next batch, and where the part stands after it."""
         self._policy.load_state_dict(question.weights)
         self._drawn.set_distribution(question.distribution)
+        known = True
         if question.stand is not None and question.mark != self._mark:
-            self._go_to(question.stand)
+            known = self._go_to(question.stand)
         with self._random.own():
-            if question.begin:
+            if question.begin or not known:
                 self._collector.reset()
             batch = self._collector.next()
         self._mark = question.following
         assert batch is not None, "the collector has no end"
         return batch, {"collector": collector_state(self._collector), "random": self._random.state}
 
-    def _go_to(self, stand: Mapping[str, Any]) -> None:
+    def _go_to(self, stand: Mapping[str, Any]) -> bool:
+        """Stand there; False where the worlds have to begin new episodes."""
         with self._random.own():
-            load_collector_state(self._collector, stand["collector"])
+            known = load_collector_state(self._collector, stand["collector"])
         self._random.state = dict(stand["random"])
+        return known
 
 
 class PartedCollector:

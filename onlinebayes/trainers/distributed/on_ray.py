@@ -23,11 +23,14 @@ from typing import Any, TypeVar
 
 import torch
 
-from onlinebayes.runs import BadInput, one_line
+from onlinebayes.runs import BadInput, heed, one_line
 from onlinebayes.trainers.distributed.workers import Station
 
 J = TypeVar("J")
 R = TypeVar("R")
+
+PATIENCE = 0.5
+"""Between two looks whether the work is to end, while workers are at it [s]."""
 
 
 class OnRay:
@@ -68,7 +71,7 @@ class OnRay:
                     running[self._actor(worker).do.remote(told, item[1])] = (item[0], worker)
                 if not running:
                     return
-                (ready, *_), _ = ray.wait(list(running))
+                ready = _awaited(tuple(running))
                 answer = self._answer(ready)
                 i, worker = running.pop(ready)
                 free.append(worker)
@@ -156,10 +159,12 @@ class OnRay:
         """Return the result of a worker, or raise the error that it raised.
 
         Raises:
+            Stopped: the block in hand was asked to end.
             BadInput: workers died at it again and again.
         """
         from ray import exceptions, get
 
+        _awaited([reference])
         try:
             return get(reference)
         except exceptions.RayTaskError as error:
@@ -173,6 +178,17 @@ class OnRay:
                 + one_line(" ... ".join(line[:200] for line in (words[0], words[-1]))),
                 "look at their memory, at what they can import, and at Ray's logs",
             ) from error
+
+
+def _awaited(references: Sequence[Any]) -> Any:
+    """The first piece of work that is done."""
+    from ray import wait
+
+    while True:
+        heed()
+        ready, _ = wait(list(references), timeout=PATIENCE)
+        if ready:
+            return ready[0]
 
 
 class _Worker:
