@@ -45,7 +45,6 @@ def _kept(explanation: Any, *_: Any) -> tuple[Any, tuple[str, ...]]:
 RULES: Mapping[str, Callable[[], None]] = {
     WHOLE: lambda: None,
     "shorter windows where the model errs grossly": lambda: setattr(window_length, "LOST", window_length.FAR),
-    "six candidates in the first round": lambda: setattr(search, "FIRST_REFITS", search.REFITS),
     "what leaves noise is not uncertain": lambda: setattr(evaluator, "refusal", _unsure),
     "an effect at its end is refused": lambda: setattr(additions.AddedEffect, "at_end", lambda *_: False),
     "one law at all places": lambda: setattr(search, "at_every_place", lambda *_: iter(())),

@@ -37,9 +37,6 @@ from onlinebayes.runs import side_by_side
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
 
-FIRST_REFITS = 2 * REFITS
-"""In the first round, while none of those before leaves noise."""
-
 LEAST_PREDICTED_GAIN = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
 
@@ -236,10 +233,6 @@ class Search:
         tried = self.tried(here, asked[:1], math.inf)
         # What the first one gains is what the others have to come near to.
         tried += self.tried(here, asked[1:], _wanted(here, tried))
-        if here is self.base and not any(at_noise_floor(one.evaluation) for one in tried):
-            # Far from the log a prediction means little, and all that follows stands on what enters first.
-            others = [prediction for prediction in promising(screened, FIRST_REFITS) if prediction not in asked]
-            tried += self.tried(here, others, _wanted(here, tried))
         return Round(here, screened, tuple(tried), silent=silent)
 
     def tried(self, here: Evaluation, predictions: Sequence[Prediction], wanted: float) -> list[Trial]:
@@ -302,12 +295,12 @@ class Search:
         return here
 
 
-def promising(screened: Sequence[Prediction], most: int = REFITS) -> list[Prediction]:
+def promising(screened: Sequence[Prediction]) -> list[Prediction]:
     """Select the predictions to refit: the best, and the simplest, which go before their equals."""
     enough = [prediction for prediction in screened if prediction.gain >= LEAST_PREDICTED_GAIN]
     wider = [prediction for prediction in enough if isinstance(prediction.addition, WiderBounds)]
     simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1][:1]
-    return list({id(one): one for one in (*enough[:most], *wider, *simple)}.values())
+    return list({id(one): one for one in (*enough[:REFITS], *wider, *simple)}.values())
 
 
 def _wanted(here: Evaluation, tried: Sequence[Trial]) -> float:
