@@ -8,6 +8,7 @@ the same verdict and names says nothing for the rule.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from envs.rigs import RIGS
 from onlinebayes.criticism import answer
 from onlinebayes.criticism.hypotheses import additions, search
 from onlinebayes.experiments import STOPPED, status
-from onlinebayes.identification.fitting import window_length
+from onlinebayes.identification.fitting import discretisation, window_length
 from onlinebayes.identification.judging import evaluator, rule
 from onlinebayes.runs import ResultTable
 from recipes.studies.blind_rigs.judging import judge, unanswered
@@ -44,6 +45,7 @@ def _kept(explanation: Any, *_: Any) -> tuple[Any, tuple[str, ...]]:
 
 RULES: Mapping[str, Callable[[], None]] = {
     WHOLE: lambda: None,
+    "integration with a margin of stability": lambda: setattr(discretisation, "MARGIN", math.inf),
     "shorter windows where the model errs grossly": lambda: setattr(window_length, "LOST", window_length.FAR),
     "what leaves noise is not uncertain": lambda: setattr(evaluator, "refusal", _unsure),
     "an effect at its end is refused": lambda: setattr(additions.AddedEffect, "at_end", lambda *_: False),

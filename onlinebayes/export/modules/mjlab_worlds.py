@@ -42,17 +42,6 @@ VALUES: list[list[float]] = [[row[c] for c in COLUMNS] for row in WORLDS["mujoco
 ACTUATORS: dict[str, dict[str, int]] = WORLDS["actuators"]["delay_steps"]
 """Actuator -> delay_min_lag and delay_max_lag of its ActuatorCfg [physics timesteps]."""
 
-KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "pair": mujoco.mjtObj.mjOBJ_PAIR,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
-    "site": mujoco.mjtObj.mjOBJ_SITE,
-}
-
 
 @requires_model_fields(*dict.fromkeys(cell["field"] for cell in CELLS))
 def joint_draws(env: Any, env_ids: torch.Tensor | None, asset_cfg: SceneEntityCfg | None = None) -> None:
@@ -84,7 +73,9 @@ def _index(model: mujoco.MjModel, cell: dict[str, Any], robot: str) -> tuple[int
     """The index of a cell in its array, after the axis of the environments."""
     if cell["name"] is None:
         raise KeyError(f"{cell['kind']} {cell['id']} of refined.xml has no name: give it one and refine again")
-    number = mujoco.mj_name2id(model, KINDS[cell["kind"]], f"{robot}/{cell['name']}")
+    number = mujoco.mj_name2id(
+        model, getattr(mujoco.mjtObj, f"mjOBJ_{cell['kind'].upper()}"), f"{robot}/{cell['name']}"
+    )
     if number < 0:
         raise KeyError(f"the scene has no {cell['kind']} '{robot}/{cell['name']}'")
     row = int(number)

@@ -32,17 +32,6 @@ LEFT_OUT: dict[str, str] = WORLDS["mujoco"]["left_out"]
 TRIES = 10_000
 """Draws of the normal distribution after which one that is within the bounds is given up."""
 
-KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "pair": mujoco.mjtObj.mjOBJ_PAIR,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
-    "site": mujoco.mjtObj.mjOBJ_SITE,
-}
-
 
 def sample_world(
     rng: np.random.Generator,
@@ -123,7 +112,11 @@ def place(model: mujoco.MjModel, cell: dict[str, Any]) -> tuple[np.ndarray, tupl
     if cell["kind"] == "option":
         array, name = np.atleast_1d(getattr(model.opt, cell["field"][4:])), cell["field"][4:]
         return (array, tuple(cell["index"])) if array.base is not None else (_Scalar(model.opt, name), (0,))  # type: ignore[return-value]
-    number = cell["id"] if cell["name"] is None else mujoco.mj_name2id(model, KINDS[cell["kind"]], cell["name"])
+    number = (
+        cell["id"]
+        if cell["name"] is None
+        else mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{cell['kind'].upper()}"), cell["name"])
+    )
     if number < 0:
         raise KeyError(f"the model has no {cell['kind']} '{cell['name']}'")
     row = int(number)

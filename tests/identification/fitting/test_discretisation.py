@@ -7,7 +7,7 @@ from onlinebayes.criticism import refine
 from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
-from onlinebayes.parameters import Parameter
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Identifiable
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -22,6 +22,12 @@ class OneIntegrator(MujocoSimulator):
     """A simulator that knows Euler only."""
 
     with_runge_kutta = Identifiable.with_runge_kutta
+
+
+class RungeKuttaAlone(MujocoSimulator):
+    """A simulator that knows no method of first order."""
+
+    with_first_order = Identifiable.with_first_order
 
 
 def test_an_integration_changes_step_and_method_and_nothing_else() -> None:
@@ -41,6 +47,15 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=5e-4)
     assert way_of(model(), measurement).timestep == pytest.approx(0.01)
     assert way_of(OneIntegrator(EULER, FREE, threads=1), measurement).timestep < 0.01
+
+
+def test_a_step_at_the_end_of_stability_is_not_taken() -> None:
+    """Runge's and Kutta's steps are stable below 2.79 m / d, 6.2 ms here: steps of 5 ms do for this theta alone."""
+    free = ParameterSpace({"joint.rail.damping": Parameter(100.0, 2000.0, "N s/m")})
+    xml = SLIDE.replace('timestep="0.01"', 'timestep="0.001"').replace('damping="1"', 'damping="900"')
+    stiff = RungeKuttaAlone(xml, free, threads=1)
+    measurement = measure(runs=8, simulator=stiff, truth=(900.0,), finer=20)
+    assert way_of(stiff, measurement).timestep == pytest.approx(0.002)
 
 
 @pytest.mark.slow
