@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import refine
 from onlinebayes.problems import commands, load_refined
+from onlinebayes.runs import BadInput
 from tests.cli.drawn_problems import Drawn, problems
 
 CASES = int(os.environ.get("ONLINEBAYES_FUZZ", "0"))
@@ -78,4 +79,9 @@ def test_refine_writes_its_files_or_says_what_is_wrong_with_the_input(drawn: Dra
             mujoco.MjModel.from_xml_path(str(out / "refined.xml"))
         refined = load_refined(out)
         assert refined.theta.isfinite().all()
+        if report["wiring"]:
+            # The values are fitted to a log with a fault in it: they are no belief about the machine.
+            with pytest.raises(BadInput, match="its log has a fault"):
+                _ = refined.belief
+            return
         assert refined.belief.sample((2,)).shape[1] == len(refined.worlds(1).parameters)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
+from weakref import WeakSet
 
 import pytest
 import torch
@@ -77,14 +79,24 @@ def test_worlds_that_refuse_their_theta_refuse_it_again() -> None:
     assert same(*found)
 
 
-def test_few_are_kept_and_none_of_long_rollouts() -> None:
-    simulator = arm()
-    for _ in range(2 * reused.KEPT):
-        simulator.rollout(*drawn(simulator))
-    assert len(reused._KEPT[simulator._system]) == reused.KEPT
-    long = arm()
-    long.rollout(*drawn(long, steps=reused.SHORT + 1))
-    assert len(reused._KEPT[long._system]) == 0
+def test_few_are_kept_and_none_of_long_rollouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All systems together, and a system that is gone leaves none: a process that asks many models would fill up."""
+    alive: WeakSet[Worlds] = WeakSet()
+    begin = Worlds.__init__
+
+    def counted(self: Worlds, *args: Any) -> None:
+        alive.add(self)
+        begin(self, *args)
+
+    monkeypatch.setattr(Worlds, "__init__", counted)
+    for _ in range(2):
+        simulator = arm()
+        for _ in range(2 * reused.KEPT):
+            simulator.rollout(*drawn(simulator))
+    own = 1
+    assert len(alive) == reused.KEPT + own
+    simulator.rollout(*drawn(simulator, steps=reused.SHORT + 1))
+    assert len(alive) == reused.KEPT + own
 
 
 def state_of(observation: Tensor) -> TensorDict:

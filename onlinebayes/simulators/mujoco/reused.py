@@ -10,7 +10,6 @@ import os
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,15 +17,18 @@ from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
 KEPT = 4
-"""Sets of worlds of a system that are kept: as many as a large batch is divided into."""
+"""Sets of worlds that are kept, of all systems together: as many as a large batch is divided into."""
 
 SHORT = 32
 """Timesteps of a rollout up to which its worlds are kept; a longer one costs more than its worlds do."""
 
-Key = tuple[int, int, int, bytes]
-"""Process, threads, worlds, theta: a process that was forked has no threads of its parent's."""
+Key = tuple[int, int, int, int, bytes]
+"""Process, system, threads, worlds, theta: a process that was forked has no threads of its parent's.
 
-_KEPT: WeakKeyDictionary[MujocoSystem, OrderedDict[Key, tuple[Worlds, np.ndarray]]] = WeakKeyDictionary()
+A set of worlds holds its system, so that no other system has that ``id`` while the set is kept.
+"""
+
+_KEPT: OrderedDict[Key, tuple[Worlds, np.ndarray]] = OrderedDict()
 
 
 @contextmanager
@@ -39,8 +41,8 @@ def worlds_at(system: MujocoSystem, theta: np.ndarray, threads: int, steps: int)
         threads: that step them, 0 for all cores.
         steps: timesteps that they are wanted for.
     """
-    key, kept = (os.getpid(), threads, len(theta), theta.tobytes()), _KEPT.setdefault(system, OrderedDict())
-    worlds, refused = kept.pop(key, (None, np.zeros(0, dtype=bool)))
+    key = (os.getpid(), id(system), threads, len(theta), theta.tobytes())
+    worlds, refused = _KEPT.pop(key, (None, np.zeros(0, dtype=bool)))
     if worlds is None:
         worlds = Worlds(system, len(theta), threads)
         worlds.write_theta(theta)
@@ -49,6 +51,6 @@ def worlds_at(system: MujocoSystem, theta: np.ndarray, threads: int, steps: int)
         worlds.begin_again(refused)
     yield worlds
     if steps <= SHORT:
-        kept[key] = worlds, refused
-        while len(kept) > KEPT:
-            kept.popitem(last=False)
+        _KEPT[key] = worlds, refused
+        while len(_KEPT) > KEPT:
+            _KEPT.popitem(last=False)
