@@ -68,17 +68,17 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
-        trajectories = trajectories.flatten(0, 1) if trajectories.ndim == 3 else trajectories
+        trajectories = _single(trajectories)
         self._learnt_from = Lengths.of(self.keys.mask_of(trajectories))
         self.embedding.fit(*self.keys.read(self.keys.usable(trajectories), self.weight))
 
     def mind_lengths(self, trajectories: TensorDictBase) -> None:
-        """Warn where trajectories (B, T) are much shorter or longer than what was learnt from; see ``lengths``.
+        """Warn where trajectories (B, T), or those of sets (G, n, T), are much shorter or longer than the learnt ones.
 
         A located embedding's place and scale follow the length.
         """
         if not (isinstance(self.embedding, SetEmbedding) and self.embedding.located):
-            self._learnt_from.warn(Lengths.of(self.keys.mask_of(trajectories)))
+            self._learnt_from.warn(Lengths.of(self.keys.mask_of(_single(trajectories))))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """Compute once, before training, all that depends on no weight: z of theta, and features with their mask.
@@ -175,3 +175,8 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """The mean loss over the batch, a scalar on ``"loss_posterior"``."""
         return TensorDict({"loss_posterior": self.each(self.prepare(tensordict)).mean()})
+
+
+def _single(trajectories: TensorDictBase) -> TensorDictBase:
+    """Trajectories (B, T): those of sets (G, n, T) one after the other."""
+    return cast(TensorDictBase, trajectories.flatten(0, 1)) if trajectories.ndim == 3 else trajectories

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import cast
 
 import torch
 from jaxtyping import Float
@@ -83,7 +82,7 @@ class Posterior:
     @torch.no_grad()
     def of_sets(self, groups: TensorDictBase) -> DensityBatch:
         """One density for each of G sets of trajectories (G, n, T), by an embedding of sets."""
-        self._loss.mind_lengths(cast(TensorDictBase, groups.flatten(0, 1)))
+        self._loss.mind_lengths(groups)
         return self._loss.estimator.distribution(self._loss.embed(groups))
 
     def sample(

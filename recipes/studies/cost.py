@@ -39,6 +39,8 @@ from recipes.studies.jobs import NOTHING_KEPT
 Part = Literal["arm", "long log", "growth", "six joints", "next", "anytime"]
 MEMORY = 4.0  # GB
 WALL = 0.65
+FIRST = 10.0
+"""Processor time until an effect is named for the first time, still to be fitted [s]."""
 BUDGETS = (10, 30, 60, 300)
 """Processor time after which a search is asked for what it has [s]."""
 
@@ -69,12 +71,14 @@ class Cost:
         processor: processor time of all threads [s].
         memory: largest resident set [GB].
         report: its report.json.
+        first: processor time until an effect was named for the first time, infinite where none was [s].
     """
 
     seconds: float
     processor: float
     memory: float
     report: dict[str, Any]
+    first: float
 
 
 def lengthened(rig: Rig, runs: int, seconds: float) -> Rig:
@@ -101,8 +105,11 @@ def spent(command: str, problem_file: Path, budget: float | None = None) -> Cost
     began = time.monotonic()
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=NOTHING_KEPT)
     assert process.stderr is not None
+    first = math.inf
     for line in process.stderr:
         sys.stderr.write(line)
+        if "so far: " in line and "@" in line:
+            first = min(first, _processor(process.pid))
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.monotonic() - began
     if process.returncode is None:
@@ -110,7 +117,13 @@ def spent(command: str, problem_file: Path, budget: float | None = None) -> Cost
     if process.returncode:
         raise BadInput(f"onlinebayes {command} {problem_file} ended with {process.returncode}", "run it by hand")
     report = json.loads((out / REPORTS.get(command, "report.json")).read_text(encoding="utf-8"))
-    return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024**2, report)
+    return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024**2, report, first)
+
+
+def _processor(pid: int) -> float:
+    """Processor time of a process until now [s]."""
+    words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return sum(int(word) for word in words[11:13]) / os.sysconf("SC_CLK_TCK")
 
 
 def arm(results: ResultTable, folder: Path) -> None:
@@ -144,6 +157,9 @@ def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
     held = share <= WALL if cores() == 2 else None
     results.add(f"{name}, wall over processor time", share, goal=f"at most {WALL:g} on two cores", holds=held)
     results.add(f"{name}, memory", cost.memory, unit="GB", goal=f"under {MEMORY:g}", holds=cost.memory < MEMORY)
+    if math.isfinite(cost.first):
+        row = f"{name}, processor time until an effect is named"
+        results.add(row, cost.first, unit="s", goal=f"at most {FIRST:g}", holds=cost.first <= FIRST)
     if "accepted" in cost.report:
         results.add(f"{name}, what it named", ", ".join(cost.report["accepted"]) or "nothing")
 

@@ -45,6 +45,14 @@ def test_a_hidden_load_is_named_and_sized(mended) -> None:
     assert step.score_gain > 2 * step.score_gain_se
 
 
+def test_what_promises_most_is_said_before_it_is_fitted() -> None:
+    lines = list[str]()
+    refine(model(), measure({LOAD: (0.5,)}, runs=6), holdout=["run5"], candidates=FEW, progress=lines.append)
+    named = [line for line in lines if line.startswith("so far: constant_load@rail")]
+    assert "promises most, from one replay; it is not fitted yet" in named[0]
+    assert "of the error is left" in named[-1]
+
+
 def test_held_out_error_falls_to_the_floor(mended) -> None:
     error = mended.heldout_error
     assert error.after["qpos.rail"] < 0.5 * error.before["qpos.rail"]

@@ -9,11 +9,12 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.embeddings import PooledEmbedding, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import (
     MixtureEstimator,
     NeuralEstimator,
     NeuralPosteriorLoss,
+    Posterior,
     RejectionABC,
     fit,
     lengths,
@@ -72,6 +73,24 @@ def test_much_shorter_and_much_longer_trajectories_are_told(make, learnt_from, c
     estimator.fit(learnt_from[:, :10], generator=torch.Generator().manual_seed(0))
     estimator.condition(simulate(torch.tensor([30])))
     assert "10 steps is asked about 30: its widths may be far too wide" in caplog.messages[-1]
+
+
+def test_trajectories_of_sets_are_told_too(caplog) -> None:
+    """One density a set, by an embedding that reads sets."""
+    torch.manual_seed(0)
+    embedding = PooledEmbedding(SummaryEmbedding(TransitionFeatures(2, 1, products=False)))
+    loss = NeuralPosteriorLoss(embedding, MixtureEstimator(SPACE, embedding.size, hidden=16))
+    fit(
+        loss,
+        simulate(torch.full((120,), 20)).unflatten(0, (40, 3)),
+        generator=torch.Generator().manual_seed(0),
+        epochs=2,
+    )
+    known, short = (simulate(torch.full((6,), steps)).unflatten(0, (2, 3)) for steps in (20, 5))
+    assert Posterior(loss).each(known).batch_shape == (2,)
+    assert caplog.messages == []
+    assert Posterior(loss).each(short).batch_shape == (2,)
+    assert "20 steps is asked about 5: its widths may be far too narrow" in caplog.messages[-1]
 
 
 def test_it_is_true(learnt_from) -> None:

@@ -230,6 +230,8 @@ class Search:
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)
         asked = promising(screened)
+        if asked and here is self.base:
+            evaluator.watch(f"so far: {asked[0].addition.key} promises most, from one replay; it is not fitted yet.")
         tried = self.tried(here, asked[:1], math.inf)
         # What the first one gains is what the others have to come near to.
         tried += self.tried(here, asked[1:], _wanted(here, tried))
