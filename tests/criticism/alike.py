@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect, Scales
+from onlinebayes.simulators.mujoco import NATIVE, JointField
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,6 @@ class BackEmf(Effect):
     constant: Parameter
     name = "back_emf"
     target_kind = "joint"
-    fields = ("dof_damping",)
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
@@ -35,11 +32,6 @@ class BackEmf(Effect):
     def neutral(self) -> Mapping[str, float]:
         return {"constant": 0.0}
 
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        fields["dof_damping"][:, int(model.joint(self.target).dofadr[0])] += parameters["constant"]
-
 
 @dataclass(frozen=True)
 class Armature(Effect):
@@ -49,7 +41,6 @@ class Armature(Effect):
     armature: Parameter
     name = "armature"
     target_kind = "joint"
-    fields = ("dof_armature",)
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
@@ -63,7 +54,5 @@ class Armature(Effect):
     def neutral(self) -> Mapping[str, float]:
         return {"armature": 0.0}
 
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        fields["dof_armature"][:, int(model.joint(self.target).dofadr[0])] += parameters["armature"]
+
+NATIVE |= {BackEmf: JointField(("dof_damping",)), Armature: JointField(("dof_armature",))}

@@ -8,8 +8,7 @@ import pytest
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import EFFECTS
-from onlinebayes.simulators.mujoco import MujocoSimulator, pseudo_inertia
+from onlinebayes.simulators.mujoco import NATIVE, MujocoSimulator, pseudo_inertia
 from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.fields import FIELDS, SPEC
 from tests.simulators.models import ARM, SLIDE, TUMBLER
@@ -111,4 +110,4 @@ def test_says_what_is_wrong_and_what_is_near(arm: mujoco.MjModel, name: str, say
 def test_every_field_can_be_exported() -> None:
     arrays = {column.array for fields in FIELDS.values() for columns in fields.values() for column in columns}
     arrays = arrays - {pseudo_inertia.ARRAY} | {*pseudo_inertia.FIELDS}
-    assert arrays | {array for effect in EFFECTS.values() for array in effect.fields} == set(SPEC)
+    assert arrays | {array for term in NATIVE.values() for array in term.fields} == set(SPEC)

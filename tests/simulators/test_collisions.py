@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from onlinebayes.simulators.effects.collisions import can_touch
+from onlinebayes.simulators.mujoco.collisions import can_touch
 from onlinebayes.simulators.mujoco.model import batch_model
 
 LINK = """<body pos="0 0 {up}"><joint axis="0 1 0"/><geom type="sphere" size=".3" mass="1" {masks}/>{inside}</body>"""

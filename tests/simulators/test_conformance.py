@@ -13,7 +13,8 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ActuatorDelay, ConstantLoad, ViscousFriction
-from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco import NATIVE, MujocoSimulator
+from onlinebayes.simulators.mujoco.native.joints import Load
 from onlinebayes.simulators.testing import check_effect, check_simulator
 from tests.simulators.models import SLIDE
 
@@ -125,14 +126,23 @@ def test_a_scale_that_makes_worlds_fail_is_named() -> None:
 
 @dataclass(frozen=True)
 class AlwaysOn(ConstantLoad):
-    def write(self, model, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]) -> None:
-        fields["actuator_biasprm"][:, int(model.actuator(self.key).id), 0] = parameters["load"] + 1e-12
+    """Its term adds a little at the neutral value."""
 
 
 @dataclass(frozen=True)
 class NeverOn(ConstantLoad):
-    def write(self, model, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]) -> None:
-        pass
+    """Its term writes nothing."""
+
+
+class Scaled(Load):
+    def __init__(self, factor: float, offset: float) -> None:
+        self.factor, self.offset = factor, offset
+
+    def write(self, model, fields, effect: ConstantLoad, parameters: Mapping[str, np.ndarray]) -> None:
+        super().write(model, fields, effect, {"load": self.factor * parameters["load"] + self.offset})
+
+
+NATIVE |= {AlwaysOn: Scaled(1.0, 1e-12), NeverOn: Scaled(0.0, 0.0)}
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from tensordict import TensorDict
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Contact, ContactFriction, ContactSoftness, Effect, Scales
-from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.native.contacts import contacts
 from onlinebayes.simulators.testing import check_effect
 from tests.simulators.models import ARM
 

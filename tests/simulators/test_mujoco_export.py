@@ -19,7 +19,7 @@ from onlinebayes.simulators.effects import (
     Scales,
     SensorBias,
 )
-from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco import NATIVE, MujocoSimulator
 from onlinebayes.simulators.mujoco.foreign import NO_TERM
 from tests.simulators.models import ARM, SLIDE
 from tests.simulators.test_mujoco import ARM_SPACE
@@ -68,9 +68,9 @@ def test_plain_mujoco_replays_the_file_alike(seed: int, own_air: bool) -> None:
     places = {"joint": "elbow", "actuator": "bend", "body": "fore", "geom": "fore", "world": "world"}
     for cls in EFFECTS.values():
         # Input stages that MuJoCo has not, force stages and sensors have no place in the file.
-        if own_air and "option.density" in cls.excludes:
+        if own_air and cls in NATIVE and "option.density" in NATIVE[cls].excludes:
             continue
-        if cls.fields or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone)):
+        if cls in NATIVE or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone)):
             simulator = simulator.with_effect(cls.scaled(places[cls.target_kind], elbow))
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.

@@ -73,7 +73,7 @@ def at_rest(
     state.update({key: line[:, 0] for key, line in settled.items()})
     known = VISIBLE | settled.keys()
     hidden = [key for key in simulator.state.keys() if key not in known]  # noqa: SIM118  (iterating gives rows)
-    memory = max((effect.memory for effect in simulator.effects if not effect.staged), default=0.0)
+    memory = max((effect.memory for effect in simulator.effects if not effect.has_force), default=0.0)
     past = seconds if set(hidden) - {"effects"} else min(memory, seconds)
     if not hidden or past < simulator.timestep:
         return state

@@ -136,7 +136,7 @@ def history_rows(simulator: Measured, windows: Windows, known: Collection[str] =
     rows = 0
     for effect in (effect for effect in simulator.effects if effect.key not in known):
         mine = math.ceil(effect.memory / windows.step)
-        rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
+        rows = max(rows, min(mine, int(windows.first.max())) if effect.has_force else mine)
     return min(rows, windows.history.shape[1])
 
 

@@ -1,4 +1,4 @@
-"""An actuator stronger or weaker than modelled: f -> (1 + g) f, carried by MuJoCo in ``gainprm`` and ``biasprm``.
+"""An actuator stronger or weaker than modelled: f -> (1 + g) f.
 
 For a motor this is (1 + g) u. For a servo it scales the force, not the goal. Limits of force act after it.
 """
@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
@@ -19,9 +17,6 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.scales import Scales
-
-_LINEAR_GAIN = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
-_LINEAR_BIAS = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,6 @@ class ActuatorGain(Effect):
     name = "actuator_gain"
     target_kind = "actuator"
     same_law_as = ("actuator.*.gear[0]",)
-    fields = ("actuator_gainprm", "actuator_biasprm")
     has_command = True
 
     def __post_init__(self) -> None:
@@ -59,24 +53,6 @@ class ActuatorGain(Effect):
     def neutral(self) -> Mapping[str, float]:
         """g = 0."""
         return {"gain": 0.0}
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Refuse an actuator whose force is not linear in its gain and bias parameters (muscle, DC motor)."""
-        actuator = spec.actuator(self.target)
-        if actuator.gaintype not in _LINEAR_GAIN or actuator.biastype not in _LINEAR_BIAS:
-            raise BadInput(
-                f"{self.key}: the actuator's force is not linear in its parameters",
-                "use a motor, a servo or a general actuator with affine gain and bias",
-            )
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``gainprm``, ``biasprm`` times (1 + g)."""
-        i = int(model.actuator(self.target).id)
-        factor = 1.0 + parameters["gain"][:, None]
-        fields["actuator_gainprm"][:, i] *= factor
-        fields["actuator_biasprm"][:, i] *= factor
 
     def command(
         self,

@@ -1,6 +1,6 @@
-"""A limit of an actuator's force: f -> max(-F, min(f, F)), carried by MuJoCo as ``actuator_forcerange``.
+"""A limit of an actuator's force: f -> max(-F, min(f, F)).
 
-f is the actuator's own force, before the gear, as in MuJoCo. "No limit" is a value of F like any other, the upper bound
+f is the actuator's own force, before the gear. "No limit" is a value of F like any other, the upper bound
 of the parameter: there, and only there, nothing is written. Take that bound no smaller than the largest force that
 occurs, and the effect is continuous up to it.
 """
@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 import torch
 from jaxtyping import Float
 from tensordict import TensorDict
@@ -22,9 +20,6 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
-
-UNLIMITED = 1e15
-"""Force range of an actuator that has none of its own: no finite motion reaches it [N, N m]."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,6 @@ class ActuatorSaturation(Effect):
     limit: Parameter
     name = "actuator_saturation"
     target_kind = "actuator"
-    fields = ("actuator_forcerange",)
     has_command = True
 
     def __post_init__(self) -> None:
@@ -67,25 +61,6 @@ class ActuatorSaturation(Effect):
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Limits that cut more and more: a limit just below the largest force is seen at its peaks alone."""
         return starts_within("limit", self.limit, (0.8, 0.65, 0.5, 0.25))
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Give an actuator without limits some that are never reached, so that each world can have its own."""
-        actuator = spec.actuator(self.target)
-        own = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
-            actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and np.any(actuator.forcerange != 0)
-        )
-        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        if not own:
-            actuator.forcerange = [-UNLIMITED, UNLIMITED]
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``actuator_forcerange`` cut to [-F, F] where F is below its upper bound."""
-        limits = fields["actuator_forcerange"][:, int(model.actuator(self.target).id)]
-        bound = np.where(parameters["limit"] < self.limit.high, parameters["limit"], np.inf)
-        limits[:, 0] = np.maximum(limits[:, 0], -bound)
-        limits[:, 1] = np.minimum(limits[:, 1], bound)
 
     def command(
         self,

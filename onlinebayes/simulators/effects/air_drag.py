@@ -1,4 +1,4 @@
-"""Air drag of a body: f = -c abs(v) v at its centre of mass, in a fluid at rest (see :mod:`.fluid`).
+"""Air drag of a body: f = -c abs(v) v at its centre of mass, in a fluid at rest.
 
 For a body of area A, c = rho C_d A / 2. ``air_drag@world`` drags every body that moves: the largest with c, the others
 less by the square of their size. Along a single joint it is that joint's :mod:`.quadratic_drag`.
@@ -10,13 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
-from onlinebayes.simulators.effects.fluid import EXCLUDES, FIELDS, add_spheres, write_drag
 from onlinebayes.simulators.effects.scales import Scales
 
 GRAVITY = 9.81  # [m/s2]
@@ -36,8 +32,6 @@ class AirDrag(Effect):
     name = "air_drag"
     target_kind = "body"
     wider = ("world",)
-    excludes = EXCLUDES
-    fields = FIELDS
 
     def __post_init__(self) -> None:
         non_negative(self.key, "drag", self.drag)
@@ -60,16 +54,6 @@ class AirDrag(Effect):
     def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
         """Of a body that one slide or hinge moves: it is that joint's quadratic drag."""
         return len(moving) == 1 and bool(kinds.get(moving[0]))
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """See :func:`add_spheres`."""
-        add_spheres(spec, self.key, self.element)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """See :func:`write_drag`."""
-        write_drag(model, fields, self.key, parameters["drag"])
 
 
 def largest_drag(scales: Scales) -> Parameter:

@@ -1,4 +1,4 @@
-"""Rotor inertia at a joint: (M + J e e^T) a = f + tau, carried by MuJoCo as ``dof_armature``.
+"""Rotor inertia at a joint: (M + J e e^T) a = f + tau.
 
 e is the joint's unit vector in generalised coordinates. A rotor behind a gear of ratio n counts n^2 times. On a single
 joint whose own mass is free, it is that mass: the data leave the two open.
@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
-
-import mujoco
-import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
@@ -38,7 +35,6 @@ class Armature(Effect):
     name = "armature"
     target_kind = "joint"
     same_law_as = ("joint.*.armature",)
-    fields = ("dof_armature",)
 
     def __post_init__(self) -> None:
         non_negative(self.key, "armature", self.armature)
@@ -62,9 +58,3 @@ class Armature(Effect):
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Also from about once and ten times that inertia: the accelerations fall off as 1 / (I + J)."""
         return starts_within("armature", self.armature, (1 / LARGEST, 1 / 3))
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``dof_armature += J``."""
-        fields["dof_armature"][:, int(model.joint(self.target).dofadr[0])] += parameters["armature"]

@@ -5,8 +5,8 @@ It is exactly dry friction of size F and a constant force L together,
     v > 0:  L - F = -F+        F = (F+ + F-) / 2
     v < 0:  L + F = +F-        L = (F- - F+) / 2
 
-and at rest both hold a load tau with -F- <= tau <= F+. MuJoCo carries the two as :mod:`.dry_friction` and
-:mod:`.constant_load` do. A constant load beside dry friction can therefore not be told from it.
+and at rest both hold a load tau with -F- <= tau <= F+. A constant load beside dry friction can therefore not be told
+from it.
 """
 
 from __future__ import annotations
@@ -15,19 +15,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
-from onlinebayes.simulators.effects.constant_load import add_load_actuator
-from onlinebayes.simulators.effects.dry_friction import add_friction
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
-from onlinebayes.simulators.effects.sticking import FIELDS
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,6 @@ class AsymmetricFriction(Effect):
     frictionloss_negative: Parameter
     name = "asymmetric_friction"
     target_kind = "joint"
-    fields = (*FIELDS, "actuator_biasprm")
     contains = ("dry_friction",)
     sum_of = ("dry_friction", "constant_load")
 
@@ -83,18 +77,6 @@ class AsymmetricFriction(Effect):
             return {name: bounds.low + part * (bounds.high - bounds.low) for (name, bounds), part in pairs}
 
         return (at(0.05, 0.1), at(0.1, 0.05))
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Append an actuator for the constant force, named like the effect; it is no command of the simulator."""
-        add_load_actuator(spec, self.key, self.target)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``dof_frictionloss += F`` as :class:`DryFriction` does, and ``actuator_biasprm[0] = L``."""
-        plus, minus = parameters["frictionloss_positive"], parameters["frictionloss_negative"]
-        add_friction(model, fields, self.target, (plus + minus) / 2)
-        fields["actuator_biasprm"][:, int(model.actuator(self.key).id), 0] = (minus - plus) / 2
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """L [N, N m]."""

@@ -1,4 +1,4 @@
-"""Back-EMF of an actuator: f -> f - k v, v the actuator's velocity, carried by MuJoCo in ``biasprm``.
+"""Back-EMF of an actuator: f -> f - k v, v the actuator's velocity.
 
 A motor under a voltage loses torque with speed. v is the joint's velocity times the gear, and f acts through the gear
 too: on a joint it is viscous friction of size gear^2 k, until a limit of force comes in reach. For a servo it adds to
@@ -11,16 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
 from onlinebayes.simulators.effects.scales import Scales
-
-_BIAS = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,6 @@ class BackEmf(Effect):
     constant: Parameter
     name = "back_emf"
     target_kind = "actuator"
-    fields = ("actuator_biasprm",)
 
     def __post_init__(self) -> None:
         non_negative(self.key, "constant", self.constant)
@@ -57,21 +50,3 @@ class BackEmf(Effect):
     def neutral(self) -> Mapping[str, float]:
         """k = 0."""
         return {"constant": 0.0}
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Make the bias affine; refuse an actuator whose bias is of another kind (muscle, DC motor)."""
-        actuator = spec.actuator(self.target)
-        if actuator.biastype not in _BIAS:
-            raise BadInput(
-                f"{self.key}: the actuator's bias is not affine",
-                "use a motor, a servo or a general actuator with affine bias",
-            )
-        if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
-            actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-            actuator.biasprm[:] = 0.0
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``actuator_biasprm[2] -= k``."""
-        fields["actuator_biasprm"][:, int(model.actuator(self.target).id), 2] -= parameters["constant"]

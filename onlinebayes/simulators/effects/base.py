@@ -3,18 +3,20 @@
     tau_total = tau_model(q, v, u) + effect(q, v, u; parameters),      effect(...; neutral) = 0, bit for bit
 
 An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parameters join the simulator's space as
-``name@target.parameter``. It says how each backend carries it:
+``name@target.parameter``. It knows no engine. An engine gives it what it sees (:mod:`.seen`), and sizes from which it
+takes its bounds (:mod:`.scales`):
 
-| hook                          | backend | what it does                                                          |
-|-------------------------------|---------|-----------------------------------------------------------------------|
-| ``edit`` + ``fields``/``write`` | MuJoCo | structure before compiling; per-world fields of the compiled model     |
-| ``force``, ``friction_bound``, ``advance`` | both | force stage: a force, a dry friction's bound, hidden state |
-| ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state                              |
-| ``sense``, ``unsense``        | both    | what a sensor shows of the motion, and the state behind what it showed |
-| ``standalone``                | plain MuJoCo | the same in floats, for the Python file beside an exported model   |
-| ``shift``                     | neither | a parameter that changes in time: criticism replays each window so     |
+| hook                            | law                                                                     |
+|---------------------------------|-------------------------------------------------------------------------|
+| ``force``, ``friction_bound``, ``inertia``, ``advance`` | force stage: a force, a dry friction's bound, hidden state |
+| ``command``, ``rest``, ``trace`` | the input stage, with its hidden state                                 |
+| ``sense``, ``unsense``          | what a sensor shows of the motion, and the state behind what it showed  |
+| ``standalone``                  | the same in floats, for the Python file beside an exported model        |
+| ``shift``                       | a parameter that changes in time: criticism replays each window so      |
 
-On MuJoCo an effect with ``fields`` is carried natively: its ``command`` and its force stage are not called there.
+Where an engine has a term of its own for an effect, that stands in the place of ``command`` and of the force stage (of
+MuJoCo's see :mod:`onlinebayes.simulators.mujoco.native`). Some effects are such terms alone: their law needs what only
+the engine knows, masses or contacts.
 """
 
 from __future__ import annotations
@@ -23,8 +25,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
@@ -52,11 +52,9 @@ class Effect(ABC):
         same_law_as: addresses of a model's own numbers that are the same law, ``*`` for the element, one for each axis
             where there are axes, e.g. ``joint.*.damping``.
         target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
-        fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
         needs_servo: whether it reads the law of its actuator, of which its joint must have one (``Seen.servo``).
-        excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         sum_of: names of effects at the same target that are, together, this one exactly.
@@ -72,11 +70,9 @@ class Effect(ABC):
     tried_per_run: ClassVar[bool] = False
     same_law_as: ClassVar[tuple[str, ...]] = ()
     target: str
-    fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
     needs_servo: ClassVar[bool] = False
-    excludes: ClassVar[tuple[str, ...]] = ()
     needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     sum_of: ClassVar[tuple[str, ...]] = ()
@@ -127,11 +123,6 @@ class Effect(ABC):
         return False
 
     @property
-    def staged(self) -> bool:
-        """True if MuJoCo carries the effect between the engine's timesteps, which are then walked one by one."""
-        return self.has_force and not self.fields
-
-    @property
     def remembers(self) -> bool:
         """True if the effect has a hidden state."""
         return type(self).rest is not Effect.rest
@@ -140,22 +131,6 @@ class Effect(ABC):
     def memory(self) -> float:
         """The time for which past events act on through the hidden state [s]; 0 without one."""
         return 0.0
-
-    # --- MuJoCo -------------------------------------------------------------------------------------------------
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Change the structure once, before compiling (an extra actuator, a solver setting); nothing by default."""
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """Set the per-world model fields from the parameters.
-
-        Args:
-            model: the compiled model, for ids and base values.
-            fields: field name -> live array (N, ...), **already holding the values without this effect**.
-            parameters: short name -> values (N,) [SI].
-        """
 
     # --- beside a model file ------------------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """A body's centre of mass lies elsewhere: c -> c + d in the body's frame, the inertia about it stays.
 
-Carried by MuJoCo as ``body_ipos``. ``com_offset@body`` moves it along all three axes, ``com_offset@body.x`` along one;
+``com_offset@body`` moves it along all three axes, ``com_offset@body.x`` along one;
 criticism tries one axis at a time, for what two axes do together cannot be told from what one does before it moves.
 """
 
@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
-
-import mujoco
-import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -36,7 +33,6 @@ class ComOffset(Effect):
     z: Parameter | None = None
     name = "com_offset"
     target_kind = "body"
-    fields = ("body_ipos",)
     axes = AXES
     same_law_as = ("body.*.ipos[0]", "body.*.ipos[1]", "body.*.ipos[2]")
 
@@ -67,14 +63,6 @@ class ComOffset(Effect):
     def element(self) -> str:
         """The body."""
         return split_axis(self.target, AXES)[0]
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``body_ipos += d``."""
-        i = int(model.body(self.element).id)
-        for axis, offset in parameters.items():
-            fields["body_ipos"][:, i, AXES.index(axis)] += offset
 
     def _axes(self) -> tuple[str, ...]:
         axis = split_axis(self.target, AXES)[1]

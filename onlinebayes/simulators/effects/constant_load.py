@@ -1,7 +1,4 @@
-"""A constant force at a joint, either sign, carried by MuJoCo as one more actuator that has a bias and no input.
-
-tau = L:      gain 0, bias (L, 0, 0), gear 1
-"""
+"""A constant force at a joint, either sign: tau = L."""
 
 from __future__ import annotations
 
@@ -9,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -34,7 +29,6 @@ class ConstantLoad(Effect):
     load: Parameter
     name = "constant_load"
     target_kind = "joint"
-    fields = ("actuator_biasprm",)
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
@@ -51,25 +45,6 @@ class ConstantLoad(Effect):
         """L = 0."""
         return {"load": 0.0}
 
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Append the actuator, named like the effect; it is no command of the simulator."""
-        add_load_actuator(spec, self.key, self.target)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``actuator_biasprm[0] = L`` of the effect's own actuator."""
-        fields["actuator_biasprm"][:, int(model.actuator(self.key).id), 0] = parameters["load"]
-
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """L [N, N m]."""
         return parameters["load"]
-
-
-def add_load_actuator(spec: mujoco.MjSpec, name: str, joint: str) -> None:
-    """Append an actuator whose force is ``biasprm[0]`` and nothing else."""
-    actuator = spec.add_actuator()
-    actuator.name, actuator.target = name, joint
-    actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    actuator.gainprm[0] = 0.0

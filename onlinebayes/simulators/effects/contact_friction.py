@@ -1,8 +1,4 @@
-"""The sliding coefficient of a geom's contacts is mu, whatever touches it; at the model's own the effect is nothing.
-
-Carried by MuJoCo as ``geom_friction[0]`` under raised priority (see :mod:`.contact`). The other coefficients, of
-turning and rolling, stay.
-"""
+"""The sliding coefficient of a geom's contacts is mu, whatever touches it; at the model's own the effect is nothing."""
 
 from __future__ import annotations
 
@@ -10,13 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
-from onlinebayes.simulators.effects.contact import FIELDS, take_over, touching
 from onlinebayes.simulators.effects.scales import Scales
 
 
@@ -35,7 +27,6 @@ class ContactFriction(Effect):
     own: float = 1.0
     name = "contact_friction"
     target_kind = "geom"
-    fields = FIELDS
 
     def __post_init__(self) -> None:
         non_negative(self.key, "friction", self.friction)
@@ -62,13 +53,3 @@ class ContactFriction(Effect):
         low, high = self.friction.low, self.friction.high
         parts = (low + 0.3 * (self.own - low), low + 0.7 * (self.own - low), self.own + 0.3 * (high - self.own))
         return tuple({"friction": mu} for mu in parts)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``geom_friction[0] = mu`` in the worlds where it differs from the model's own."""
-        mu = parameters["friction"]
-        acts = mu != self.own
-        for i in touching(model, self.target):
-            take_over(model, fields, i, acts)
-            fields["geom_friction"][acts, i, 0] = mu[acts]

@@ -3,8 +3,7 @@
     b = 2 / (d T),   k = d(r) / (d T zeta)^2,   penetration r and its rate v:  a_ref = -b v - k r
 
 T is the time constant with which a penetration decays, zeta its damping ratio, d the impedance (MuJoCo: Computation,
-"Solver parameters"). Below zeta = 1 contacts bounce. MuJoCo keeps T at two timesteps or more. Written under raised
-priority (see :mod:`.contact`).
+"Solver parameters"). Below zeta = 1 contacts bounce. MuJoCo keeps T at two timesteps or more.
 """
 
 from __future__ import annotations
@@ -13,13 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.contact import FIELDS, take_over, touching
 from onlinebayes.simulators.effects.scales import Scales
 
 
@@ -40,7 +35,6 @@ class ContactSoftness(Effect):
     own: tuple[float, float] = (0.02, 1.0)
     name = "contact_softness"
     target_kind = "geom"
-    fields = FIELDS
 
     def __post_init__(self) -> None:
         if not (self.time_constant.low > 0 and self.damping_ratio.low > 0 and min(self.own) > 0):
@@ -71,13 +65,3 @@ class ContactSoftness(Effect):
         low, high = self.damping_ratio.low, self.damping_ratio.high
         ratios = [low + part * (high - low) for part in (0.1, 0.4)]
         return tuple({"time_constant": time, "damping_ratio": ratio} for time in times for ratio in ratios)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``geom_solref = (T, zeta)`` in the worlds where they differ from the model's own."""
-        solref = np.stack([parameters["time_constant"], parameters["damping_ratio"]], axis=1)
-        acts = (solref != np.array(self.own)).any(1)
-        for i in touching(model, self.target):
-            take_over(model, fields, i, acts)
-            fields["geom_solref"][acts, i] = solref[acts]

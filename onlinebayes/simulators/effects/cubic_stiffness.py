@@ -1,9 +1,4 @@
-"""A hardening spring at a joint: tau = -k3 (q - q0)^3, carried by MuJoCo as a tendon over this joint alone.
-
-MuJoCo's springs are -(k0 + k1 abs(x) + k2 x^2) x with x the distance from rest, for joints as for tendons; the effect
-sets k2. It has a tendon to itself because a joint has one rest position for all its terms: two cubics about different
-centres are not one cubic, so the joint's own spring could not stay what it is.
-"""
+"""A hardening spring at a joint: tau = -k3 (q - q0)^3."""
 
 from __future__ import annotations
 
@@ -11,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -39,7 +32,6 @@ class CubicStiffness(Effect):
     name = "cubic_stiffness"
     target_kind = "joint"
     needs_position = True
-    fields = ("tendon_stiffnesspoly", "tendon_lengthspring")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "stiffness3", self.stiffness3)
@@ -70,23 +62,6 @@ class CubicStiffness(Effect):
         low, high = self.springref.low, self.springref.high
         k = self.stiffness3.low + 0.1 * (self.stiffness3.high - self.stiffness3.low)
         return tuple({"stiffness3": k, "springref": low + part * (high - low)} for part in (0.25, 0.75))
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Append the tendon, named like the effect, whose length is q."""
-        tendon = spec.add_tendon()
-        tendon.name = self.key
-        tendon.wrap_joint(self.target, 1.0)
-        tendon.springlength = [0.0, 0.0]
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``tendon_stiffnesspoly[1] = k3`` and both ends of ``tendon_lengthspring`` = q0, of the effect's tendon."""
-        i = int(model.tendon(self.key).id)
-        rest = parameters["springref"]
-        fields["tendon_stiffnesspoly"][:, i, 1] = parameters["stiffness3"]
-        # In MJCF a springlength of exactly -1 means "the length at qpos0".
-        fields["tendon_lengthspring"][:, i] = np.where(rest == -1.0, np.nextafter(-1.0, 0.0), rest)[:, None]
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k3 (q - q0)^3 [N, N m]."""

@@ -1,8 +1,4 @@
-"""Dry (Coulomb) friction of a joint: -F sign(v) in motion, up to F at rest, carried by MuJoCo as ``dof_frictionloss``.
-
-The solver's friction is made hard (see :mod:`.sticking`) only in worlds where the effect adds some: at F = 0 nothing
-changes.
-"""
+"""Dry (Coulomb) friction of a joint: -F sign(v) in motion, up to F at rest."""
 
 from __future__ import annotations
 
@@ -10,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -20,7 +14,6 @@ from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen
-from onlinebayes.simulators.effects.sticking import FIELDS, harden
 
 
 @dataclass(frozen=True)
@@ -37,7 +30,6 @@ class DryFriction(Effect):
     name = "dry_friction"
     target_kind = "joint"
     same_law_as = ("joint.*.frictionloss",)
-    fields = FIELDS
 
     def __post_init__(self) -> None:
         non_negative(self.key, "frictionloss", self.frictionloss)
@@ -57,20 +49,6 @@ class DryFriction(Effect):
         """F = 0."""
         return {"frictionloss": 0.0}
 
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """See :func:`add_friction`."""
-        add_friction(model, fields, self.target, parameters["frictionloss"])
-
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """F [N, N m]."""
         return parameters["frictionloss"]
-
-
-def add_friction(
-    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, bound: Float[np.ndarray, " N"]
-) -> None:
-    """``dof_frictionloss += F`` [N, N m], made hard where F > 0."""
-    fields["dof_frictionloss"][:, int(model.joint(joint).dofadr[0])] += bound
-    harden(model, fields, joint, bound > 0)

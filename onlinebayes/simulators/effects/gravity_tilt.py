@@ -5,7 +5,7 @@
 For g = (0, 0, -G): g' = G (sin a cos d, sin a sin d, -cos a), downhill towards d, counted from x to y. At a = 0 the
 direction means nothing, so that ``gravity_tilt@world`` (a >= 0 and d) has no small-signal form; the targets ``world.x``
 and ``world.y`` tilt along one axis by a signed angle, and criticism tries these. On slides alone a tilt is a constant
-force (:mod:`.constant_load`). Carried by MuJoCo as ``opt.gravity``.
+force (:mod:`.constant_load`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -44,7 +44,6 @@ class GravityTilt(Effect):
     direction: Parameter | None = None
     name = "gravity_tilt"
     target_kind = "world"
-    fields = ("opt.gravity",)
     axes = AXES
 
     def __post_init__(self) -> None:
@@ -91,15 +90,19 @@ class GravityTilt(Effect):
         """``"world"``."""
         return split_axis(self.target, AXES)[0]
 
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``opt.gravity`` turned, in worlds with a tilt."""
+    def turned(
+        self, gravity: Float[np.ndarray, "N 3"], parameters: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "N 3"]:
+        """g', in worlds with a tilt [m/s2].
+
+        Args:
+            gravity: g [m/s2].
+            parameters: short name -> values (N,) [rad].
+        """
         angle = parameters["angle"]
         along = 0.5 * math.pi * AXES.index(split_axis(self.target, AXES)[1] or "x")
         direction = parameters.get("direction", np.full_like(angle, along))
         n = np.stack([np.sin(direction), -np.cos(direction), np.zeros_like(direction)], axis=-1)
-        g = fields["opt.gravity"]
-        a = angle[:, None]
+        g, a = gravity, angle[:, None]
         turned = g * np.cos(a) + np.cross(n, g) * np.sin(a) + n * (n * g).sum(1, keepdims=True) * (1 - np.cos(a))
-        g[:] = np.where(a != 0, turned, g)
+        return np.where(a != 0, turned, g)

@@ -1,7 +1,4 @@
-"""A spring at a joint: tau = -k (q - q0), carried by MuJoCo as ``jnt_stiffness`` and ``qpos_spring``.
-
-Two springs at one joint are one: k1 (q - q1) + k2 (q - q2) = (k1 + k2) (q - (k1 q1 + k2 q2) / (k1 + k2)).
-"""
+"""A spring at a joint: tau = -k (q - q0)."""
 
 from __future__ import annotations
 
@@ -9,13 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.scales import Scales
@@ -39,7 +33,6 @@ class JointStiffness(Effect):
     target_kind = "joint"
     same_law_as = ("joint.*.stiffness",)
     needs_position = True
-    fields = ("jnt_stiffness", "qpos_spring")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "stiffness", self.stiffness)
@@ -71,22 +64,6 @@ class JointStiffness(Effect):
         low, high = self.springref.low, self.springref.high
         k = self.stiffness.low + 0.1 * (self.stiffness.high - self.stiffness.low)
         return tuple({"stiffness": k, "springref": low + part * (high - low)} for part in (0.25, 0.75))
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """Refuse a joint whose own spring is not linear: its rest position cannot be shared."""
-        if any(spec.joint(self.target).stiffness[1:]):
-            raise BadInput(f"{self.key}: the joint's own spring is nonlinear", "free joint.<name>.stiffness[i] instead")
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``jnt_stiffness += k``, and ``qpos_spring`` where both springs together rest."""
-        joint = model.joint(self.target)
-        q, j = int(joint.qposadr[0]), int(joint.id)
-        k, present = parameters["stiffness"], fields["jnt_stiffness"][:, j].copy()
-        rest, on = fields["qpos_spring"][:, q], k > 0
-        fields["jnt_stiffness"][:, j] += k
-        rest[on] = (present[on] * rest[on] + k[on] * parameters["springref"][on]) / (present[on] + k[on])
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k (q - q0) [N, N m]."""

@@ -1,4 +1,4 @@
-"""Quadratic drag of a joint: tau = -k v abs(v), carried by MuJoCo as the first coefficient of ``dof_dampingpoly``."""
+"""Quadratic drag of a joint: tau = -k v abs(v)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -31,7 +29,6 @@ class QuadraticDrag(Effect):
     drag: Parameter
     name = "quadratic_drag"
     target_kind = "joint"
-    fields = ("dof_dampingpoly",)
 
     def __post_init__(self) -> None:
         non_negative(self.key, "drag", self.drag)
@@ -51,12 +48,6 @@ class QuadraticDrag(Effect):
     def neutral(self) -> Mapping[str, float]:
         """k = 0."""
         return {"drag": 0.0}
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``dof_dampingpoly[0] += k``: MuJoCo's law is -(d + p0 abs(v) + p1 v^2) v."""
-        fields["dof_dampingpoly"][:, int(model.joint(self.target).dofadr[0]), 0] += parameters["drag"]
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k v abs(v) [N, N m]."""

@@ -1,4 +1,4 @@
-"""Viscous friction of a joint: tau = -d v, carried by MuJoCo as ``dof_damping``."""
+"""Viscous friction of a joint: tau = -d v."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
@@ -32,7 +30,6 @@ class ViscousFriction(Effect):
     name = "viscous_friction"
     target_kind = "joint"
     same_law_as = ("joint.*.damping",)
-    fields = ("dof_damping",)
 
     def __post_init__(self) -> None:
         non_negative(self.key, "damping", self.damping)
@@ -52,12 +49,6 @@ class ViscousFriction(Effect):
     def neutral(self) -> Mapping[str, float]:
         """d = 0."""
         return {"damping": 0.0}
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """``dof_damping += d``."""
-        fields["dof_damping"][:, int(model.joint(self.target).dofadr[0])] += parameters["damping"]
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-d v [N, N m]."""

@@ -1,9 +1,9 @@
-"""Drag in a steady horizontal wind: f = -c abs(v - w) (v - w) at a body's centre of mass (see :mod:`.fluid`).
+"""Drag in a steady horizontal wind: f = -c abs(v - w) (v - w) at a body's centre of mass.
 
 The effect brings the drag c that the wind needs to act; where bodies have an :mod:`.air_drag` too, the same wind blows
-on it (``opt.wind`` is one for all), and the two drags add up. At c = 0 and w = 0 it is nothing, at w = 0 it is air
-drag. ``wind@body.x`` and ``wind@body.y`` blow along one axis, ``wind@body`` along both. A body that is slow against the
-wind feels little more than a constant force c abs(w) w, which determines c and w only together.
+on it, and the two drags add up. At c = 0 and w = 0 it is nothing, at w = 0 it is air drag. ``wind@body.x`` and
+``wind@body.y`` blow along one axis, ``wind@body`` along both. A body that is slow against the wind feels little more
+than a constant force c abs(w) w, which determines c and w only together.
 """
 
 from __future__ import annotations
@@ -12,15 +12,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import mujoco
-import numpy as np
-
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.air_drag import largest_drag
 from onlinebayes.simulators.effects.base import Effect, split_axis
 from onlinebayes.simulators.effects.bounds import non_negative
-from onlinebayes.simulators.effects.fluid import EXCLUDES, FIELDS, add_spheres, write_drag
 from onlinebayes.simulators.effects.scales import Scales
 
 AXES = ("x", "y")
@@ -47,9 +43,7 @@ class Wind(Effect):
     name = "wind"
     target_kind = "body"
     wider = ("world",)
-    excludes = EXCLUDES
     tried_last = True
-    fields = (*FIELDS, "opt.wind")
     contains = ("air_drag",)
     axes = AXES
 
@@ -91,19 +85,6 @@ class Wind(Effect):
     def element(self) -> str:
         """The body, or ``"world"``."""
         return split_axis(self.target, AXES)[0]
-
-    def edit(self, spec: mujoco.MjSpec) -> None:
-        """See :func:`add_spheres`."""
-        add_spheres(spec, self.key, self.element)
-
-    def write(
-        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
-    ) -> None:
-        """See :func:`write_drag`; ``opt.wind += w``."""
-        write_drag(model, fields, self.key, parameters["drag"])
-        axis = split_axis(self.target, AXES)[1]
-        for name in self._velocities(self.target):
-            fields["opt.wind"][:, AXES.index(axis or name[-1])] += parameters[name]
 
     @staticmethod
     def _velocities(target: str) -> tuple[str, ...]:

@@ -122,11 +122,11 @@ class Remakable(Identifiable):
         return self._integrated(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 
     def with_soft_friction(self) -> Self:
-        """A new simulator whose effects' friction is the model's own constraint; see :mod:`.effects.sticking`.
+        """A new simulator whose effects' friction is the model's own constraint; see :mod:`.native.sticking`.
 
         Itself where friction is no native effect, or where force stages have some, which no MJCF could hold.
         """
-        native = any("dof_frictionloss" in effect.fields for effect in self.effects)
+        native = any("dof_frictionloss" in term.fields for term in self._system.native.values())
         if self._blueprint.soft_friction or not native or any(effect.bounds_friction for effect in self._system.staged):
             return self
         return self._remade(soft_friction=True)

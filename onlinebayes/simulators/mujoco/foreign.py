@@ -23,7 +23,7 @@ NO_TERM = "which plain MuJoCo has no term for"
 
 def not_exportable(system: MujocoSystem, theta: np.ndarray) -> Mapping[str, str]:
     """Keys of the effects that plain MuJoCo lacks in the world with parameters theta (1, P) -> why, as a clause."""
-    keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
+    keys = [key for key, term in system.native.items() if not set(term.fields) <= set(SPEC)]
     keys += [e.key for e in system.effects if e in system.staged or e.target_kind in ("signal", "parameter")]
     found = dict.fromkeys(keys, NO_TERM)
     for effect in system.stages:

@@ -6,9 +6,9 @@ from typing import Literal
 
 import mujoco
 
-from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.activation import INTEGRATING
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
+from onlinebayes.simulators.mujoco.native.air import body_size
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 FED_BY_COMMAND = frozenset(

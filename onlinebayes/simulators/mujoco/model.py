@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.collisions import can_touch
+from onlinebayes.simulators.mujoco.collisions import can_touch
 from onlinebayes.simulators.mujoco.files import check_files
 
 

@@ -18,7 +18,6 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.checks import timesteps_of
 from onlinebayes.simulators.drawing import Shape
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
-from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.mujoco import drawing, inventory
 from onlinebayes.simulators.mujoco.activation import activations, memory_span
 from onlinebayes.simulators.mujoco.blueprint import Blueprint, Remakable
@@ -27,6 +26,7 @@ from onlinebayes.simulators.mujoco.export import bodies_with_adjusted_inertia, e
 from onlinebayes.simulators.mujoco.foreign import not_exportable
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.native.contacts import contacts
 from onlinebayes.simulators.mujoco.pictures import Renderer
 from onlinebayes.simulators.mujoco.recall import actuator_forces, hidden_states_along
 from onlinebayes.simulators.mujoco.rollout import rollout

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import Effect, sticking
+from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
@@ -32,6 +32,7 @@ from onlinebayes.simulators.mujoco.columns import Command, commands, signals
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.inertials import with_movable_centres
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.native import native, sticking
 from onlinebayes.simulators.mujoco.record import record
 from onlinebayes.simulators.mujoco.scaled_moments import INERTIA, follow, followers
 from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
@@ -72,11 +73,15 @@ class MujocoSystem:
         self.members = {name: known.get(name) or expand(base, name) for name in parameters if is_glob(name)}
         self.spec = source.copy()
         self.parameters = parameters
+        #: Key -> MuJoCo's own term, of the effects that have one.
+        self.native = {e.key: term for e in self.effects if (term := native(e))}
         for effect in self.effects:
             check_target(base, effect, sensors, self.parameters)
-            if clash := [address for address in effect.excludes if address in parameters]:
-                raise BadInput(f"{effect.key} cannot stand beside a free {' or '.join(clash)}", "leave one of them out")
-            effect.edit(self.spec)
+            if term := self.native.get(effect.key):
+                if clash := [address for address in term.excludes if address in parameters]:
+                    problem = f"{effect.key} cannot stand beside a free {' or '.join(clash)}"
+                    raise BadInput(problem, "leave one of them out")
+                term.edit(self.spec, effect)
             self.parameters = self.parameters | _grown(effect)
         add_torque_sensors(self.spec, base, sensors)
         self.model = compile_spec(self.spec) if self.effects or sensors else base
@@ -89,8 +94,8 @@ class MujocoSystem:
         self.model = with_movable_centres(self.spec, self.model, self._moved_centres(), inertials)
         self.commands = commands(self.model, names(base, "actuator"))
         self.signals = (*signals(self.model), *self.sensors)
-        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
-        self.staged = tuple(e for e in self.effects if e.staged)
+        self.stages = tuple(e for e in self.effects if e.has_command and e.key not in self.native)
+        self.staged = tuple(e for e in self.effects if e.has_force and e.key not in self.native)
         self.joint_actuators = _joint_actuators(self.model, self.commands)
         for effect in self.staged:
             check_staged(self.model, self.joint_actuators, effect)
@@ -104,7 +109,7 @@ class MujocoSystem:
             sorted(
                 (arrays - {pseudo_inertia.ARRAY})
                 | (set(pseudo_inertia.FIELDS) if self._factors else set())
-                | {f for e in self.effects for f in e.fields}
+                | {f for term in self.native.values() for f in term.fields}
                 | {f for e in self.staged if e.bounds_friction for f in sticking.FIELDS}
                 | {"dof_armature" for e in self.staged if e.changes_inertia}
             )
@@ -119,7 +124,7 @@ class MujocoSystem:
     def _moved_centres(self) -> list[int]:
         """Ids of the bodies whose centre of mass a parameter or an effect moves."""
         cells = [cell for address in self.addresses for cell in address.cells if cell.array == "body_ipos"]
-        effects = [effect for effect in self.effects if "body_ipos" in effect.fields]
+        effects = [e for e in self.effects if e.key in self.native and "body_ipos" in self.native[e.key].fields]
         rows = np.arange(self.model.nbody)
         own = [int(i) for cell in cells for i in np.atleast_1d(rows[cell.index[0]])]
         return [*own, *(int(self.model.body(effect.element).id) for effect in effects)]
@@ -146,8 +151,8 @@ class MujocoSystem:
             follow(fields, self.followers, self.model)
         own = {name: fields[name].copy() for name in sticking.SOFTNESS if self.soft_friction and name in fields}
         for effect in self.effects:
-            if effect.fields:
-                effect.write(self.model, fields, self.own(effect, theta))
+            if term := self.native.get(effect.key):
+                term.write(self.model, fields, effect, self.own(effect, theta))
         for effect in self.staged:
             if effect.bounds_friction:
                 # Its bound is written between timesteps; here the solver is made ready where there may be one.

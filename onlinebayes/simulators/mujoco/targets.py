@@ -9,7 +9,6 @@ import mujoco
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.effects.contact import touching
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     HINGE,
@@ -21,6 +20,8 @@ from onlinebayes.simulators.mujoco.addresses import (
     scalar_joint,
 )
 from onlinebayes.simulators.mujoco.columns import signals
+from onlinebayes.simulators.mujoco.native import native
+from onlinebayes.simulators.mujoco.native.contacts import touching
 
 
 def check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str], parameters: ParameterSpace) -> None:
@@ -55,12 +56,10 @@ def check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str], 
             raise BadInput(f"{effect.key} acts on the whole world", f"write {effect.name}@world")
     else:
         actuator = element_id(model, "actuator", effect.target)
-        if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
+        if effect.has_command and not native(effect) and model.actuator_ctrlnum[actuator] != 1:
             raise BadInput(f"{effect.key}: the actuator has several commands", "an input stage acts on a single one")
-    if not (effect.fields or effect.has_command or effect.has_force):
-        raise BadInput(
-            f"{effect.key} has no form in MuJoCo", "write its fields and write(), its command(), or its force()"
-        )
+    if not (native(effect) or effect.has_command or effect.has_force):
+        raise BadInput(f"{effect.key} has no form in MuJoCo", "write its command() or its force(), or add it to NATIVE")
 
 
 def check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], effect: Effect) -> None:

@@ -5,26 +5,54 @@ Two geoms that touch share the larger friction and dimension of the two, and the
 of higher ``priority`` decides alone. An effect on contacts therefore raises its geom's priority in the worlds in which
 it acts, after giving the geom the properties that its contacts have without the effect: those of its pair with the
 **leading partner**, the geom that rubs most of those it can touch. With several partners that differ, the effect gives
-all contacts what the leading one has, but for its own parameter.
+all contacts what the leading one has, but for its own parameter: ``geom_friction[0]`` or ``geom_solref``. The
+coefficients of turning and rolling stay.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool
 
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.effects.collisions import may_touch
-from onlinebayes.simulators.effects.scales import Contact
+from onlinebayes.simulators.effects import Contact, ContactFriction, ContactSoftness
+from onlinebayes.simulators.mujoco.collisions import may_touch
+from onlinebayes.simulators.mujoco.native.term import Arrays, NativeTerm
 
 FIELDS = ("geom_priority", "geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_solmix")
 """The fields that decide what a contact is like."""
 
 
-def take_over(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], i: int, where: Bool[np.ndarray, " N"]) -> None:
+class SlidingFriction(NativeTerm[ContactFriction]):
+    """The sliding coefficient."""
+
+    fields = FIELDS
+
+    def write(self, model: mujoco.MjModel, fields: Arrays, effect: ContactFriction, parameters: Arrays) -> None:
+        """``geom_friction[0] = mu`` in the worlds where it differs from the model's own."""
+        mu = parameters["friction"]
+        acts = mu != effect.own
+        for i in touching(model, effect.target):
+            take_over(model, fields, i, acts)
+            fields["geom_friction"][acts, i, 0] = mu[acts]
+
+
+class Softness(NativeTerm[ContactSoftness]):
+    """The time constant and the damping ratio."""
+
+    fields = FIELDS
+
+    def write(self, model: mujoco.MjModel, fields: Arrays, effect: ContactSoftness, parameters: Arrays) -> None:
+        """``geom_solref = (T, zeta)`` in the worlds where they differ from the model's own."""
+        solref = np.stack([parameters["time_constant"], parameters["damping_ratio"]], axis=1)
+        acts = (solref != np.array(effect.own)).any(1)
+        for i in touching(model, effect.target):
+            take_over(model, fields, i, acts)
+            fields["geom_solref"][acts, i] = solref[acts]
+
+
+def take_over(model: mujoco.MjModel, fields: Arrays, i: int, where: Bool[np.ndarray, " N"]) -> None:
     """Let geom i decide alone in the worlds ``where``, with its leading pair's properties."""
     highest = int(model.geom_priority.max()) + 1
     new = where & (fields["geom_priority"][:, i] != highest)  # not where another effect has done so already
@@ -33,7 +61,7 @@ def take_over(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], i: int, w
     fields["geom_priority"][new, i] = highest
 
 
-def pair_properties(fields: Mapping[str, np.ndarray], i: int, j: int) -> dict[str, np.ndarray]:
+def pair_properties(fields: Arrays, i: int, j: int) -> dict[str, np.ndarray]:
     """Return the contact properties of geoms i and j: name of the field -> (N, ...)."""
     first, second = ({name: fields[name][:, k] for name in FIELDS} for k in (i, j))
     ahead = np.sign(first["geom_priority"] - second["geom_priority"])[:, None]

@@ -14,20 +14,40 @@ its own is refused: the box of a body with a sphere has no drag.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import AirDrag, Wind
+from onlinebayes.simulators.effects.base import split_axis
+from onlinebayes.simulators.mujoco.native.term import Arrays, NativeTerm
 
 FIELDS = ("geom_fluid", "geom_pos", "opt.density")
 """The fields that drag sets."""
-EXCLUDES = ("option.density", "option.viscosity")
-"""The free parameters that would make a fluid of the model's own."""
 RADIUS, DENSITY = 0.1, 1e-15  # [m], [kg/m3]
 ACTIVE, BLUNT = 0, 1  # columns of geom_fluid
+
+
+@dataclass(frozen=True)
+class Drag(NativeTerm[AirDrag | Wind]):
+    """Drag, in a fluid that moves where the effect has a wind, which is one for all bodies with drag."""
+
+    fields: tuple[str, ...] = FIELDS
+    excludes = ("option.density", "option.viscosity")  # they would make a fluid of the model's own
+
+    def edit(self, spec: mujoco.MjSpec, effect: AirDrag | Wind) -> None:
+        """See :func:`add_spheres`."""
+        add_spheres(spec, effect.key, effect.element)
+
+    def write(self, model: mujoco.MjModel, fields: Arrays, effect: AirDrag | Wind, parameters: Arrays) -> None:
+        """See :func:`write_drag`; ``opt.wind += w``."""
+        write_drag(model, fields, effect.key, parameters["drag"])
+        axis = split_axis(effect.target, effect.axes)[1]
+        for name in parameters.keys() - {"drag"}:
+            fields["opt.wind"][:, effect.axes.index(axis or name[-1])] += parameters[name]
 
 
 def add_spheres(spec: mujoco.MjSpec, key: str, element: str) -> None:
@@ -46,9 +66,7 @@ def add_spheres(spec: mujoco.MjSpec, key: str, element: str) -> None:
         geom.pos = [RADIUS, 0, 0]
 
 
-def write_drag(
-    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], key: str, drag: Float[np.ndarray, " N"]
-) -> None:
+def write_drag(model: mujoco.MjModel, fields: Arrays, key: str, drag: Float[np.ndarray, " N"]) -> None:
     """``geom_fluid`` of the effect's spheres at their bodies' centres of mass; c of the largest body [N s2/m2].
 
     The others' are less by the square of their size, as areas are; what does not move has none.

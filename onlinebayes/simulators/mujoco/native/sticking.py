@@ -14,11 +14,11 @@ RK4 (its limit is 2.8). A simulator asked for soft friction leaves the model's o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 from jaxtyping import Bool
+
+from onlinebayes.simulators.mujoco.native.term import Arrays
 
 SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """``solimp_friction`` under dry friction: constant impedance d = .9999, the largest that MuJoCo takes."""
@@ -30,7 +30,7 @@ FIELDS = ("dof_frictionloss", *SOFTNESS)
 """The fields that dry friction sets."""
 
 
-def harden(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, where: Bool[np.ndarray, " N"]) -> None:
+def harden(model: mujoco.MjModel, fields: Arrays, joint: str, where: Bool[np.ndarray, " N"]) -> None:
     """Make the joint's friction stick in the worlds ``where`` it rubs; elsewhere nothing changes."""
     dof = int(model.joint(joint).dofadr[0])
     fields["dof_solimp"][where, dof] = SOLIMP
