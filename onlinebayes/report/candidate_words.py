@@ -23,14 +23,6 @@ def in_order(result: Criticism) -> list[Candidate]:
     return list(ordered.values())
 
 
-def briefly(result: Criticism, candidate: Candidate) -> str:
-    """The outcome without its numbers: ``brings too little``."""
-    if candidate.indistinguishable_from and not candidate.accepted:
-        equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
-        return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
-    return outcome(candidate).partition(":")[0]
-
-
 def outcome(candidate: Candidate) -> str:
     """Why a candidate is in the model or not, in a few words."""
     if candidate.accepted:

@@ -17,7 +17,6 @@ from onlinebayes.identification.replaying.scoped import (
     ScopedSimulator,
     effect_entries,
     scoped,
-    with_effect_values,
 )
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
@@ -233,14 +232,6 @@ def test_entries_of_effects_follow_in_order() -> None:
         entries = tuple(effect_entries(simulator, effect))
         grown = simulator.with_effect(effect)
         assert grown.parameters.names == (*simulator.parameters.names, *entries)
-
-
-def test_values_of_an_effect_are_set_in_every_run() -> None:
-    simulator = ScopedSimulator(model(), Scope((LOAD.key,)), ("a", "b")).with_effect(LOAD).with_effect(FRICTION)
-    theta = torch.tensor([2.0, 1.0, 0.5, 1.5, 0.3], dtype=torch.float64)
-    moved = with_effect_values(simulator, theta, LOAD, {"load": -2.0})
-    assert moved.tolist() == [2.0, 1.0, -2.0, -2.0, 0.3]
-    assert theta[2:4].tolist() == [0.5, 1.5]
 
 
 @pytest.mark.parametrize(

@@ -25,16 +25,6 @@ def read_late(rows: Float[Tensor, "M W K S"], late: Float[Tensor, "W K S"]) -> F
     return _parabola(torch.cat([before, rows[..., :-1, :]], -2), rows, torch.cat([rows[..., 1:, :], after], -2), late)
 
 
-def read_between(rows: Float[Tensor, "W K S"], place: Float[Tensor, "W L S"]) -> Float[Tensor, "W L S"]:
-    """Simulated signals at places between rows, counted in rows from the first one."""
-    most = rows.shape[-2] - 1
-    if most < 2:
-        return rows.gather(-2, place.round().long().clamp(0, most))
-    nearest = place.round().long().clamp(1, most - 1)
-    back, at, on = (rows.gather(-2, nearest + aside) for aside in (-1, 0, 1))
-    return _parabola(back, at, on, place - nearest)
-
-
 def _parabola(back: Tensor, at: Tensor, on: Tensor, late: Tensor) -> Tensor:
     """The parabola through three rows, ``late`` rows after the middle one."""
     return at + late * (0.5 * (on - back) + 0.5 * late * (on - 2 * at + back))

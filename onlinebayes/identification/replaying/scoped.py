@@ -259,19 +259,3 @@ def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
         entries = [scope.entry(address, owner) for owner in unknown] if scope.owned(address) else [address]
         found |= dict.fromkeys(entries, name)
     return found
-
-
-def with_effect_values(
-    simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
-) -> Float[Tensor, " F"]:
-    """Theta with an effect's values set, the same ones in every run.
-
-    Args:
-        simulator, theta: the model with the effect, and its parameters [SI].
-        effect: one of its effects.
-        values: short name -> value [SI], of all that the effect has in theta.
-    """
-    theta = theta.clone()
-    for entry, name in effect_entries(simulator, effect).items():
-        theta[simulator.parameters.index(entry)] = values[name]
-    return theta
