@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 from weakref import WeakSet
@@ -14,6 +15,8 @@ from torch import Tensor
 from onlinebayes.embeddings import Rows, SimulatorFilter
 from onlinebayes.inference import Box
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import side_by_side
+from onlinebayes.runs.side_by_side import CORES
 from onlinebayes.simulators.effects import ActuatorDelay, StribeckFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator, reused
 from onlinebayes.simulators.mujoco.worlds import Worlds
@@ -97,6 +100,23 @@ def test_few_are_kept_and_none_of_long_rollouts(monkeypatch: pytest.MonkeyPatch)
     assert len(alive) == reused.KEPT + own
     simulator.rollout(*drawn(simulator, steps=reused.SHORT + 1))
     assert len(alive) == reused.KEPT + own
+
+
+@pytest.mark.timeout(60)
+def test_a_fork_frees_nothing_of_its_parents(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Worlds wait for the end of their threads, which a fork has not: it would wait for ever."""
+    monkeypatch.setenv(CORES, "2")
+    held = [arm()]
+    for _ in range(reused.KEPT):
+        held[0].rollout(*drawn(held[0]))
+
+    def many() -> int:
+        other = held[0] = arm()
+        for _ in range(2 * reused.KEPT):
+            other.rollout(*drawn(other))
+        return os.getpid()
+
+    assert len(set(side_by_side([many, many]))) == 2
 
 
 def state_of(observation: Tensor) -> TensorDict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -17,6 +18,10 @@ from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
 from onlinebayes.simulators.mujoco.system import MujocoSystem
+
+_PARENTS: list[mujoco.batch.Batch] = []
+"""Batches of processes of which this one is a fork. A batch waits for the end of its threads when it is freed, and a
+fork has no threads of its parent's: it would wait for ever."""
 
 
 class Worlds:
@@ -56,6 +61,11 @@ class Worlds:
         # An output is copied out from the call on before which it was bound.
         self._sensors = self.batch.bind("sensordata") if system.sensors else None
         self._qacc = self.batch.bind("qacc") if self.stage is not None and self.stage.halves else None
+        self._process = os.getpid()
+
+    def __del__(self) -> None:
+        if getattr(self, "_process", None) not in (None, os.getpid()):
+            _PARENTS.append(self.batch)
 
     # --- writing ------------------------------------------------------------------------------------------------
 
