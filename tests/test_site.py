@@ -97,7 +97,7 @@ def test_the_reference_describes_every_public_name_once(api) -> None:
 
 def test_docstrings_are_read_as_the_plain_text_that_they_are(docstrings) -> None:
     lines = [
-        "|x| of (*batch, P).",
+        "|x| of (*batch, P), ``a * b`` on ``c``.",
         "",
         "    y = |x| * 2",
         "",
@@ -107,7 +107,7 @@ def test_docstrings_are_read_as_the_plain_text_that_they_are(docstrings) -> None
         "    more",
     ]
     assert docstrings.reread(lines) == [
-        "\\|x\\| of (\\*batch, P).", "", "::", "", "    y = |x| * 2", "",
+        "\\|x\\| of (\\*batch, P), ``a * b`` on ``c``.", "", "::", "", "    y = |x| * 2", "",
         "Args:", "    x: a name\\_ [``unit``\\ ^2].", "", "    more",
     ]  # fmt: skip
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-MARK = re.compile(r"(``.*?``|:\w+:`.*?`)(?=[\w^])|(``.*?``|:\w+:`.*?`)|([|*]|(?<=\w)_+(?!\w))")
+MARK = re.compile(r"(``[^`]+``|:\w+:`[^`]+`)(?=[\w^])|(``[^`]+``|:\w+:`[^`]+`)|([|*]|(?<=\w)_+(?!\w))")
 """A literal without an end, what is left as it is, or a sign that would be taken for markup."""
 
 
