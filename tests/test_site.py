@@ -72,6 +72,7 @@ def test_a_block_of_python_that_no_test_runs_says_that_it_is_a_sketch(page: Path
         assert sketch != runs, f"{name}: {'run, and called a sketch' if runs else 'not run, and not marked'}:\n{block}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUN_HERE)
 def test_a_block_that_stands_alone_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
