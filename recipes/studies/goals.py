@@ -23,6 +23,10 @@ Tables that name the commit of the code that printed them.
 
 | study | printed | commit | held | of |
 |---|---|---|---|---|"""
+MISSED = """Misses of one quantity and goal share a line, with the least and the largest value.
+
+| study | what | value | goal |
+|---|---|---|---|"""
 OLDER = """
 ## By older code
 These tables were printed before tables named a commit. The code of today may hold or miss other goals.
@@ -58,10 +62,7 @@ def page_of(results: Path) -> str:
     lines += [f"| {_linked(t)} | {_held(rows)} | {len(rows)} |" for t, rows in older]
     lines += [f"| all | {_count(older)} |"]
     for title, part in (("## Missed, by commit", present), ("## Missed, by older code", older)):
-        lines += ["", title]
-        for table, rows in part:
-            if _held(rows) < len(rows):
-                lines += ["", f"### {table['name']}", "| what | value | goal |", "|---|---|---|", *_missed(rows)]
+        lines += ["", title, MISSED, *(line for table, rows in part for line in _missed(table, rows))]
     return "\n".join(lines) + "\n"
 
 
@@ -77,12 +78,26 @@ def _held(rows: list[dict[str, Any]]) -> int:
     return sum(row["holds"] for row in rows)
 
 
-def _missed(rows: list[dict[str, Any]]) -> Iterator[str]:
+def _missed(table: dict[str, Any], rows: list[dict[str, Any]]) -> Iterator[str]:
+    """A line for each quantity and goal that rows of a table miss."""
+    groups = dict[tuple[str, ...], list[dict[str, Any]]]()
     for row in rows:
-        if not row["holds"]:
-            value = row["value"] if isinstance(row["value"], str) else f"{row['value']:.4g}"
-            cells = (row["name"], f"{value} {row['unit']}".strip(), row["goal"] or "")
+        groups.setdefault((row["name"].rpartition(": ")[2], row["unit"], row["goal"] or ""), []).append(row)
+    for (quantity, unit, goal), group in groups.items():
+        values = [row["value"] for row in group if not row["holds"]]
+        if values:
+            names = [row["name"] for row in group if not row["holds"]]
+            what = names[0] if len(names) == 1 else f"{quantity}: {len(names)} of {len(group)}"
+            cells = (table["name"], what, f"{_range(values)} {unit}".strip(), goal)
             yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _range(values: list[Any]) -> str:
+    """One value, several texts, or the least and the largest number."""
+    texts = [value if isinstance(value, str) else f"{value:.4g}" for value in values]
+    if len(values) == 1 or any(isinstance(value, str) for value in values):
+        return ", ".join(dict.fromkeys(texts))
+    return f"{min(values):.4g} to {max(values):.4g}"
 
 
 if __name__ == "__main__":

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
-from onlinebayes.runs import ResultTable
+import pytest
+
+from onlinebayes.runs import ResultTable, result_page
 from onlinebayes.runs.results import today
 from recipes.studies.goals import page_of
 
@@ -26,9 +29,23 @@ def test_a_page_counts_goals_and_lists_those_that_are_missed(tmp_path: Path) -> 
     assert "| all | | | 1 | 2 |" in lines
     older = lines.index("## By older code")
     assert lines.index("| [old](old.md) | 1 | 1 |") > older
-    assert "| missed \\| by far | 0.1235 rad | >= 1 |" in lines
+    assert "| pendulum | missed \\| by far | 0.1235 rad | >= 1 |" in lines
     assert "without goals" not in page_of(tmp_path)
 
 
+def test_misses_of_one_quantity_and_goal_share_a_line(tmp_path: Path) -> None:
+    table = ResultTable("pendulum", "make pendulum", [1], commit="abcd1234")
+    for seed, value in enumerate((3.0, 1.0, 2.0)):
+        table.add(f"seed {seed}: error", value, unit="m", goal="<= 1", holds=value <= 1)
+    table.write(tmp_path)
+    assert "| pendulum | error: 2 of 3 | 2 to 3 m | <= 1 |" in page_of(tmp_path).splitlines()
+
+
 def test_the_page_of_the_repository_is_the_latest() -> None:
-    assert (RESULTS / "goals.md").read_text(encoding="utf-8") == page_of(RESULTS), "run make goals"
+    assert (RESULTS / "goals.md").read_text(encoding="utf-8") == page_of(RESULTS), "run make pages"
+
+
+@pytest.mark.parametrize("file", sorted(RESULTS.glob("*.json")), ids=lambda file: file.stem)
+def test_every_page_of_the_repository_is_made_from_its_table(file: Path) -> None:
+    page = result_page(json.loads(file.read_text(encoding="utf-8")))
+    assert file.with_suffix(".md").read_text(encoding="utf-8") == page, "run make pages"

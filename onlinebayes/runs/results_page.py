@@ -1,0 +1,116 @@
+"""The Markdown page of a result table, made from its JSON: every row of a short table, a summary of a long one.
+
+A summary lists the missed goals; for each quantity that several rows have, the least, the median and the largest value;
+and the first of the other rows. A row's quantity is what its name says behind the last ": ", whatever numbers it has.
+"""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+ROWS = 24
+"""A table of more rows is summed up."""
+LINES = 24
+"""A part of a summary has at most so many lines."""
+SEVERAL = 3
+"""So many rows of one quantity become one line."""
+CHARACTERS = 60
+"""A longer text is cut in a summary."""
+OLDER = "Printed by older code, before tables named their commit: the code of today may print other figures."
+HOLDS = {None: "", True: "yes", False: "**no**"}
+NUMBERS = re.compile(r"\d[\d.,]*")
+SHARE = re.compile(r"\d+ of \d+")
+
+TableRow = Mapping[str, Any]
+Cells = Sequence[str]
+
+
+def result_page(table: Mapping[str, Any], most: float = ROWS) -> str:
+    """The page of a table.
+
+    Args:
+        table: what its JSON holds.
+        most: rows of a table that is not summed up.
+    """
+    rows = table["rows"]
+    lines = [f"# {table['name']}", "", *_printed(table), ""]
+    lines += _full(rows) if len(rows) <= most else _summary(rows, f"{table['name']}.json")
+    return "\n".join(lines) + "\n"
+
+
+def _full(rows: Sequence[TableRow], limit: int | None = None) -> list[str]:
+    """Every row of a table, or the first ones; columns in which nothing stands are left out."""
+    cells = [
+        (row["name"], _text(row["value"]), _text(row["spread"]), row["unit"], row["goal"] or "", HOLDS[row["holds"]])
+        for row in rows
+    ]
+    return _lines(("name", "value", "spread", "unit", "goal", "holds"), cells, limit)
+
+
+def _printed(table: Mapping[str, Any]) -> list[str]:
+    seeds, date = ", ".join(map(str, table["seeds"])), table.get("date")
+    when = f" on {date}" if date else ""
+    code = f"commit {table.get('commit') or 'unknown'}; " if date else ""
+    line = f"Printed by `{table['command']}`{when} ({code}seeds {seeds or 'none'}; {table['machine']})."
+    return [line] if date else [line, OLDER]
+
+
+def _summary(rows: Sequence[TableRow], file: str) -> list[str]:
+    judged, missed = [row for row in rows if row["holds"] is not None], [row for row in rows if row["holds"] is False]
+    groups = [group for group in by_quantity(rows).values() if len(group) >= SEVERAL]
+    told = {id(row) for row in [*missed, *(row for group in groups for row in group)]}
+    others = sorted((row for row in rows if id(row) not in told), key=lambda row: row["holds"] is None)
+    held = f"{len(judged) - len(missed)} of {len(judged)} goals are held. " if judged else ""
+    lines = [f"{held}All {len(rows)} rows stand in [{file}]({file})."]
+    if missed:
+        lines += ["", "## Missed", *_full([{**_short(row), "holds": None} for row in missed], LINES)]
+    if groups:
+        columns = ("quantity", "rows", "least", "median", "largest", "unit", "goals held")
+        lines += ["", "## By quantity", *_lines(columns, [_cells(group) for group in groups], LINES)]
+    if others:
+        lines += ["", "## Other rows", *_full([_short(row) for row in others], LINES)]
+    return lines
+
+
+def _short(row: TableRow) -> dict[str, Any]:
+    """A row without its spread, its texts cut."""
+    cut = {key: f"{text[:CHARACTERS]}..." for key in ("value", "unit") if len(text := str(row[key])) > CHARACTERS}
+    return {**row, **cut, "spread": None}
+
+
+def by_quantity(rows: Sequence[TableRow]) -> dict[tuple[str, str], list[TableRow]]:
+    """(quantity, unit) -> its rows; texts are left out."""
+    groups = dict[tuple[str, str], list[TableRow]]()
+    for row in rows:
+        if not isinstance(row["value"], str):
+            unit = "share" if SHARE.fullmatch(row["unit"]) else row["unit"]
+            groups.setdefault((NUMBERS.sub("...", row["name"].rpartition(": ")[2]), unit), []).append(row)
+    return groups
+
+
+def _cells(rows: list[TableRow]) -> Cells:
+    """One line for rows of one quantity."""
+    values, holds = [row["value"] for row in rows], [row["holds"] for row in rows if row["holds"] is not None]
+    names, units = {row["name"].rpartition(": ")[2] for row in rows}, {row["unit"] for row in rows}
+    name = names.pop() if len(names) == 1 else NUMBERS.sub("...", names.pop())
+    numbers = [_text(of(values)) for of in (min, statistics.median, max)]
+    held = f"{sum(holds)} of {len(holds)}" if holds else ""
+    return name, str(len(rows)), *numbers, units.pop() if len(units) == 1 else "", held
+
+
+def _lines(columns: Cells, rows: Sequence[Cells], limit: int | None = None) -> list[str]:
+    """A Markdown table of the columns in which something stands; of more rows than the limit, the first ones."""
+    shown = [i for i in range(len(columns)) if i == 0 or any(row[i] for row in rows)]
+    lines = [[columns[i] for i in shown], *([row[i].replace("|", "\\|") for i in shown] for row in rows[:limit])]
+    head, *body = ("| " + " | ".join(line) + " |" for line in lines)
+    more = ["", f"And {len(rows) - limit} more."] if limit and len(rows) > limit else []
+    return [head, "|" + "---|" * len(shown), *body, *more]
+
+
+def _text(value: float | str | None) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:.4g}"

@@ -1,0 +1,57 @@
+"""The page of a result table: all of a short one, a summary of a long one."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from onlinebayes.runs import ResultTable, Row, result_page
+
+
+def page(table: ResultTable) -> list[str]:
+    return result_page(json.loads(table.to_json())).splitlines()
+
+
+@pytest.fixture
+def long() -> ResultTable:
+    table = ResultTable("study", "make study", [1], commit="0123abcd")
+    for i in range(40):
+        table.add(f"system {i}: after {i} steps", float(i), spread="lost", unit="m", goal="<= 38", holds=i <= 38)
+        table.add(f"verdict {i}", "tie")
+    return table
+
+
+def test_a_short_table_is_shown_whole_without_its_empty_columns() -> None:
+    table = ResultTable("study", "make study", [], commit=None)
+    table.add("error | of all", 0.12345, unit="m")
+    lines = page(table)
+    assert lines[4:] == ["| name | value | unit |", "|---|---|---|", "| error \\| of all | 0.1235 | m |"]
+    assert "(commit unknown; seeds none; " in lines[2]
+
+
+def test_a_long_table_shows_misses_the_range_of_each_quantity_and_the_first_other_rows(long: ResultTable) -> None:
+    lines = page(long)
+    assert "39 of 40 goals are held. All 80 rows stand in [study.json](study.json)." in lines
+    assert "| system 39: after 39 steps | 39 | m | <= 38 |" in lines
+    assert "| after ... steps | 40 | 0 | 19.5 | 39 | m | 39 of 40 |" in lines
+    assert "| verdict 23 | tie |" in lines
+    assert "| verdict 24 | tie |" not in lines
+    assert lines[-1] == "And 16 more."
+
+
+def test_what_is_printed_holds_every_row(long: ResultTable) -> None:
+    lines = long.to_markdown().splitlines()
+    assert "| verdict 39 | tie |  |  |  |  |" in lines
+    assert "| system 0: after 0 steps | 0 | lost | m | <= 38 | yes |" in lines
+
+
+def test_a_table_without_a_date_is_said_to_be_of_older_code(long: ResultTable) -> None:
+    old = {**json.loads(long.to_json()), "commit": None, "date": None}
+    assert "Printed by older code" in result_page(old)
+    assert "older code" not in result_page(json.loads(long.to_json()))
+
+
+def test_long_texts_of_a_long_table_are_cut(long: ResultTable) -> None:
+    long.rows.insert(0, Row("why", "x" * 99))
+    assert f"| why | {'x' * 60}... |" in page(long)
