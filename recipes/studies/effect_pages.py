@@ -93,32 +93,27 @@ def block(card: Card) -> str:
     name = card.effect.name
     known = " with mass and damping known" if card.held else ""
     refit = (
-        "Mass and damping can do the same on this machine: with them free nothing would be left to see, so that they "
-        "are held at their true values here"
+        "Mass and damping can do the same on this machine and are held at their true values"
         if card.held
         else "Mass and damping are refitted"
     )
-    alike = [
-        f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} | {quantities.percent(one.apart)} |"
-        for one in card.alike
-    ]
+    alike = [f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} |" for one in card.alike]
     richer = [other for other, kind in EFFECTS.items() if name in kind.contains]
     return "\n".join(
         [
             BEGIN,
-            f"On the [standard machine](README.md#the-standard-machine) `{card.effect.key}` has these values:",
+            f"`{card.effect.key}` on the [standard machine](README.md#the-standard-machine):",
             "",
             "| parameter | shown here | bounds that `diagnose` gives it |",
             "|---|---|---|",
             *parameter_rows(card.effect, card.specimen),
             "",
-            f"![What a model without {name} gets wrong: residual over time; missing torque over velocity, angle and "
-            f"command](images/{name}.svg)",
+            f"![What a model without {name} gets wrong](images/{name}.svg)",
             "",
             f"{refit}; the model errs by {quantities.significant(card.left)} times the noise.",
             "",
-            f"| it looks like{known} | cosine | share of its trace that this cannot imitate |",
-            "|---|---|---|",
+            f"| it looks like{known} | cosine |",
+            "|---|---|",
             *alike,
             *([] if not richer else ["", f"It is contained in {_linked(richer)}, which can do all that it does."]),
             END,

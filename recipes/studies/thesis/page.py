@@ -151,12 +151,42 @@ def circle(results: Path) -> Iterator[str]:
         yield _line([name, TABLE_5_2.get(name, MISSING), *cells])
 
 
+USES = {"0": "0.077", "0.1": "0.18", "0.2": "0.6", "0.3": "0.88"}
+"""lambda of a published policy -> its use of the camera."""
+
+
+def recorded(results: Path) -> Iterator[str]:
+    """The published policies of chapter 3 beside ours, by the rows of ``make egocentric``."""
+    rows = rows_of(results, "egocentric")
+    if not rows:
+        yield "**Missing**: `make egocentric` is not printed yet."
+        return
+    yield from _head(["lambda", "published policy", "its use of the camera", "ours, by row", "by block", "random mix"])
+    for told, use in USES.items():
+        names = [f"recorded rows{fold} at use {use}" for fold in (", by row: accuracy", ", by block: accuracy")]
+        names = [f"published policy, lambda {told}: accuracy", *names, f"recorded rows: random mix at use {use}"]
+        published, *ours = (f"{rows[name]['value']:.3f}" for name in names)
+        yield _line([told, published, use, *ours])
+
+
+def pipeline(results: Path) -> Iterator[str]:
+    """The actor-critic of chapter 3 in our own pipeline, by the rows of ``make egocentric``."""
+    rows, above = rows_of(results, "egocentric"), ": actor-critic above the random mix at use "
+    yield from _head(["use of the camera", "by sequence", "leaky split, as published", "by sequence, less reference"])
+    for use in [name.split(above)[1] for name in rows if name.startswith(f"by sequence{above}")]:
+        less = f"by sequence: actor-critic less reference at use {use}"
+        names = [f"by sequence{above}{use}", f"leaky{above}{use}", less]
+        yield _line([use, *(f"{rows[name]['value']:.1f}" for name in names)])
+
+
 TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
     "4.1": partial(densities, "4.1"),
     "5.1": partial(densities, "5.1"),
     "five-seeds": five_seeds,
     "online": online,
     "5.2": circle,
+    "recorded": recorded,
+    "pipeline": pipeline,
 }
 
 
