@@ -13,13 +13,13 @@ from typing import Any
 
 ROWS = 24
 """A table of more rows is summed up."""
-LINES = 24
-"""A part of a summary has at most so many lines."""
+LINES = 12
+"""Missed goals and other rows of a summary are at most so many each, quantities twice as many."""
 SEVERAL = 3
 """So many rows of one quantity become one line."""
 CHARACTERS = 60
 """A longer text is cut in a summary."""
-OLDER = "Printed by older code, before tables named their commit: the code of today may print other figures."
+OLDER = "Printed by older code, before tables named their commit: today's may print other figures."
 HOLDS = {None: "", True: "yes", False: "**no**"}
 NUMBERS = re.compile(r"\d[\d.,]*")
 SHARE = re.compile(r"\d+ of \d+")
@@ -69,7 +69,7 @@ def _summary(rows: Sequence[TableRow], file: str) -> list[str]:
         lines += ["", "## Missed", *_full([{**_short(row), "holds": None} for row in missed], LINES)]
     if groups:
         columns = ("quantity", "rows", "least", "median", "largest", "unit", "goals held")
-        lines += ["", "## By quantity", *_lines(columns, [_cells(group) for group in groups], LINES)]
+        lines += ["", "## By quantity", *_lines(columns, [_cells(group) for group in groups], 2 * LINES)]
     if others:
         lines += ["", "## Other rows", *_full([_short(row) for row in others], LINES)]
     return lines

@@ -15,7 +15,7 @@ from onlinebayes.runs import write_atomic
 HEAD = """# Goals
 
 Goals that were judged, read off the tables by `make goals`. A goal is held or missed by the
-value that the study's command printed.
+value that the study's command printed. Misses of one quantity and goal share a line, with the least and the largest value.
 """
 PRESENT = """
 ## By commit
@@ -23,9 +23,7 @@ Tables that name the commit of the code that printed them.
 
 | study | printed | commit | held | of |
 |---|---|---|---|---|"""
-MISSED = """Misses of one quantity and goal share a line, with the least and the largest value.
-
-| study | what | value | goal |
+MISSED = """| study | what | value | goal |
 |---|---|---|---|"""
 OLDER = """
 ## By older code
