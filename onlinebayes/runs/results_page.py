@@ -1,18 +1,23 @@
-"""The Markdown page of a result table, made from its JSON: every row of a short table, a summary of a long one.
+"""The Markdown page of a result table, made from its JSON.
 
-A summary lists the missed goals; for each quantity that several rows have, the least, the median and the largest value;
-and the first of the other rows. A row's quantity is what its name says behind the last ": ", whatever numbers it has.
+Rows of which many share cases and quantities are a matrix (:mod:`.results_matrix`). Others are listed, or, where they
+are many, summed up: the missed goals; for each quantity that several rows have, the least, the median and the largest
+value; and the first of the other rows. A row's quantity is what its name says behind the last ": ", whatever numbers it
+has.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from onlinebayes.runs.results_matrix import SHARE, matrices
+
 ROWS = 24
-"""A table of more rows is summed up."""
+"""More rows than that, beside the matrices, are summed up."""
 LINES = 12
 """Missed goals and other rows of a summary are at most so many each, quantities twice as many."""
 SEVERAL = 3
@@ -22,7 +27,6 @@ CHARACTERS = 60
 OLDER = "Printed by older code, before tables named their commit: today's may print other figures."
 HOLDS = {None: "", True: "yes", False: "**no**"}
 NUMBERS = re.compile(r"\d[\d.,]*")
-SHARE = re.compile(r"\d+ of \d+")
 
 TableRow = Mapping[str, Any]
 Cells = Sequence[str]
@@ -37,7 +41,19 @@ def result_page(table: Mapping[str, Any], most: float = ROWS) -> str:
     """
     rows = table["rows"]
     lines = [f"# {table['name']}", "", *_printed(table), ""]
-    lines += _full(rows) if len(rows) <= most else _summary(rows, f"{table['name']}.json")
+    if most == math.inf:
+        return "\n".join([*lines, *_full(rows)]) + "\n"
+    judged = [row for row in rows if row["holds"] is not None]
+    told = f"{sum(row['holds'] for row in judged)} of {len(judged)} goals are held. " if judged else ""
+    spreads = ", with their spreads," if any(row["spread"] is not None for row in rows) else ""
+    lines += [f"{told}All {len(rows)} rows{spreads} stand in [{table['name']}.json]({table['name']}.json)."]
+    found, left = matrices(rows)
+    if any(row["holds"] is False for matrix in found for row in matrix.cells.values()):
+        lines[-1] += " Bold: the goal is missed."
+    for matrix in found:
+        lines += ["", *_lines(*matrix.table())]
+    if left:
+        lines += ["", *_full(left)] if len(left) <= most else _summary(left)
     return "\n".join(lines) + "\n"
 
 
@@ -58,13 +74,12 @@ def _printed(table: Mapping[str, Any]) -> list[str]:
     return [line] if date else [line, OLDER]
 
 
-def _summary(rows: Sequence[TableRow], file: str) -> list[str]:
-    judged, missed = [row for row in rows if row["holds"] is not None], [row for row in rows if row["holds"] is False]
+def _summary(rows: Sequence[TableRow]) -> list[str]:
+    missed = [row for row in rows if row["holds"] is False]
     groups = [group for group in by_quantity(rows).values() if len(group) >= SEVERAL]
     told = {id(row) for row in [*missed, *(row for group in groups for row in group)]}
     others = sorted((row for row in rows if id(row) not in told), key=lambda row: row["holds"] is None)
-    held = f"{len(judged) - len(missed)} of {len(judged)} goals are held. " if judged else ""
-    lines = [f"{held}All {len(rows)} rows stand in [{file}]({file})."]
+    lines = []
     if missed:
         lines += ["", "## Missed", *_full([{**_short(row), "holds": None} for row in missed], LINES)]
     if groups:

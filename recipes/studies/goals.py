@@ -15,7 +15,8 @@ from onlinebayes.runs import write_atomic
 HEAD = """# Goals
 
 Goals that were judged, read off the tables by `make goals`. A goal is held or missed by the
-value that the study's command printed. Misses of one quantity and goal share a line, with the least and the largest value.
+value that the study's command printed. Misses of one quantity and goal share a line, with the
+least and the largest value.
 """
 PRESENT = """
 ## By commit

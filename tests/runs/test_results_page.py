@@ -1,4 +1,4 @@
-"""The page of a result table: all of a short one, a summary of a long one."""
+"""The page of a result table: matrices, all other rows where they are few, a summary where they are many."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ def test_a_short_table_is_shown_whole_without_its_empty_columns() -> None:
     table = ResultTable("study", "make study", [], commit=None)
     table.add("error | of all", 0.12345, unit="m")
     lines = page(table)
-    assert lines[4:] == ["| name | value | unit |", "|---|---|---|", "| error \\| of all | 0.1235 | m |"]
+    assert lines[4] == "All 1 rows stand in [study.json](study.json)."
+    assert lines[6:] == ["| name | value | unit |", "|---|---|---|", "| error \\| of all | 0.1235 | m |"]
     assert "(commit unknown; seeds none; " in lines[2]
 
 
 def test_a_long_table_shows_misses_the_range_of_each_quantity_and_the_first_other_rows(long: ResultTable) -> None:
     lines = page(long)
-    assert "39 of 40 goals are held. All 80 rows stand in [study.json](study.json)." in lines
+    assert "39 of 40 goals are held. All 80 rows, with their spreads, stand in [study.json](study.json)." in lines
     assert "| system 39: after 39 steps | 39 | m | <= 38 |" in lines
     assert "| after ... steps | 40 | 0 | 19.5 | 39 | m | 39 of 40 |" in lines
     assert "| verdict 11 | tie |" in lines
@@ -55,3 +56,43 @@ def test_a_table_without_a_date_is_said_to_be_of_older_code(long: ResultTable) -
 def test_long_texts_of_a_long_table_are_cut(long: ResultTable) -> None:
     long.rows.insert(0, Row("why", "x" * 99))
     assert f"| why | {'x' * 60}... |" in page(long)
+
+
+def test_cases_that_share_quantities_are_a_matrix() -> None:
+    table = ResultTable("study", "make study", [1], commit=None)
+    for case, least, held in (("pendulum", ">= 3", True), ("acrobot, prior", ">= 7", False)):
+        table.add(f"{case}: density", 5.0, unit="nats", goal=least, holds=held)
+        table.add(f"{case}: time", 2.0, unit="s", goal="<= 1", holds=False)
+        table.add(f"{case}: held", 0.5, unit="1 of 2")
+    table.add("cases judged", 2)
+    lines = page(table)
+    assert lines[4].endswith("Bold: the goal is missed.")
+    assert lines[6:] == [
+        "|  | density [nats] | time [s], goal <= 1 | held |",
+        "|---|---|---|---|",
+        "| pendulum | 5 (>= 3) | **2** | 1 of 2 |",
+        "| acrobot, prior | **5** (>= 7) | **2** | 1 of 2 |",
+        "",
+        "| name | value |",
+        "|---|---|",
+        "| cases judged | 2 |",
+    ]
+
+
+def test_cases_that_share_nothing_are_matrices_of_their_own() -> None:
+    table = ResultTable("study", "make study", [1], commit=None)
+    for case, quantities in (("a 1", "xyz"), ("a 2", "xyz"), ("b 1", "uvw"), ("b 2", "uvw")):
+        for quantity in quantities:
+            table.add(f"{case}: {quantity}", 1.0)
+    heads = [line for line in page(table) if line.startswith("|  |")]
+    assert heads == ["|  | x | y | z |", "|  | u | v | w |"]
+
+
+def test_few_cases_with_many_quantities_stand_side_by_side() -> None:
+    table = ResultTable("study", "make study", [1], commit=None)
+    for case in ("slow", "fast"):
+        for i in range(8):
+            table.add(f"{case}: quantity {i}", float(i))
+    lines = page(table)
+    assert "|  | slow | fast |" in lines
+    assert "| quantity 7 | 7 | 7 |" in lines
