@@ -19,7 +19,7 @@ from onlinebayes.runs.results_matrix import SHARE, matrices
 ROWS = 24
 """More rows than that, beside the matrices, are summed up."""
 LINES = 12
-"""Missed goals and other rows of a summary are at most so many each, quantities twice as many."""
+"""Quantities and other rows of a summary are at most so many each."""
 SEVERAL = 3
 """So many rows of one quantity become one line."""
 CHARACTERS = 60
@@ -77,14 +77,15 @@ def _printed(table: Mapping[str, Any]) -> list[str]:
 def _summary(rows: Sequence[TableRow]) -> list[str]:
     missed = [row for row in rows if row["holds"] is False]
     groups = [group for group in by_quantity(rows).values() if len(group) >= SEVERAL]
+    groups.sort(key=lambda group: all(row["holds"] is None for row in group))
     told = {id(row) for row in [*missed, *(row for group in groups for row in group)]}
     others = sorted((row for row in rows if id(row) not in told), key=lambda row: row["holds"] is None)
     lines = []
     if missed:
-        lines += ["", "## Missed", *_full([{**_short(row), "holds": None} for row in missed], LINES)]
+        lines += ["", "## Missed", *_full([{**_short(row), "holds": None} for row in missed])]
     if groups:
         columns = ("quantity", "rows", "least", "median", "largest", "unit", "goals held")
-        lines += ["", "## By quantity", *_lines(columns, [_cells(group) for group in groups], 2 * LINES)]
+        lines += ["", "## By quantity", *_lines(columns, [_cells(group) for group in groups], LINES)]
     if others:
         lines += ["", "## Other rows", *_full([_short(row) for row in others], LINES)]
     return lines
