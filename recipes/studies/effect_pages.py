@@ -92,11 +92,7 @@ def block(card: Card) -> str:
     """The printed part of a page, between its two marks."""
     name = card.effect.name
     known = " with mass and damping known" if card.held else ""
-    refit = (
-        "Mass and damping can do the same on this machine and are held at their true values"
-        if card.held
-        else "Mass and damping are refitted"
-    )
+    refit = "Mass and damping can do the same here and are held at their true values. " if card.held else ""
     alike = [f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} |" for one in card.alike]
     richer = [other for other, kind in EFFECTS.items() if name in kind.contains]
     return "\n".join(
@@ -104,18 +100,18 @@ def block(card: Card) -> str:
             BEGIN,
             f"`{card.effect.key}` on the [standard machine](README.md#the-standard-machine):",
             "",
-            "| parameter | shown here | bounds that `diagnose` gives it |",
+            "| parameter | shown here | bounds |",
             "|---|---|---|",
             *parameter_rows(card.effect, card.specimen),
             "",
             f"![What a model without {name} gets wrong](images/{name}.svg)",
             "",
-            f"{refit}; the model errs by {quantities.significant(card.left)} times the noise.",
+            f"{refit}The model errs by {quantities.significant(card.left)} times the noise.",
             "",
             f"| it looks like{known} | cosine |",
             "|---|---|",
             *alike,
-            *([] if not richer else ["", f"It is contained in {_linked(richer)}, which can do all that it does."]),
+            *([] if not richer else ["", f"It is contained in {_linked(richer)}."]),
             END,
         ]
     )
