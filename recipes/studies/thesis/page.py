@@ -151,6 +151,35 @@ def circle(results: Path) -> Iterator[str]:
         yield _line([name, TABLE_5_2.get(name, MISSING), *cells])
 
 
+GAITS = {"Table 4.1": ("3.391", "[0.3, 0.5]", "MuJoCo"), "Table 5.1": ("3.384", "[0.1, 0.5]", "Drake")}
+"""Table -> the thesis's best density of the hopper's friction, its prior here, the engine that is measured."""
+FETCH = {
+    "Table 4.1, Fetch Push": ("2.423", "push, protocol, U[0.1, 1.0]"),
+    "Table 4.1, Fetch Slide": ("2.391", "slide, protocol of Table 4.1, U[0.1, 1.0]"),
+    "Table 5.1, Fetch Push": ("2.18", "push, protocol of Table 5.1, U[0.1, 2.0]"),
+    "Table 5.1, Fetch Slide": ("3.24", "slide, protocol, U[0.1, 2.0]"),
+}
+"""Row -> the thesis's best, the case of ``make fetch-friction`` with its prior."""
+
+
+def friction(results: Path) -> Iterator[str]:
+    """The Fetch arm's and the hopper's rows of both tables."""
+    arm, legs = rows_of(results, "fetch-friction"), rows_of(results, "hopper")
+    if not arm or not legs:
+        yield "**Missing**: `make fetch-friction` or `make hopper` is not printed yet."
+        return
+    yield from _head(["row", "friction", "thesis's best", "ours", "prior", "ceiling"])
+    for told, (thesis, case) in FETCH.items():
+        names = (f"{case}: log density", f"{case}: the prior")
+        yield _line([told, case[case.index("U[") :], thesis, *(_text(arm[name]["value"]) for name in names), MISSING])
+    for told, (thesis, prior, engine) in GAITS.items():
+        case = f"prior U{prior}, running, measured in"
+        rows = (f"{case} {engine}: log density of the truth", f"prior U{prior}: the prior's density")
+        shown = [_text(legs[name]["value"]) for name in (*rows, f"{case} MuJoCo: exact, its start known")]
+        row = f"{told}, Hopper, measured in {engine}"
+        yield _line([row, f"U{prior}", thesis, *shown])
+
+
 USES = {"0": "0.077", "0.1": "0.18", "0.2": "0.6", "0.3": "0.88"}
 """lambda of a published policy -> its use of the camera."""
 
@@ -185,6 +214,7 @@ TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
     "five-seeds": five_seeds,
     "online": online,
     "5.2": circle,
+    "friction": friction,
     "recorded": recorded,
     "pipeline": pipeline,
 }
