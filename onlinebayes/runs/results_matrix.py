@@ -1,6 +1,6 @@
 """Rows of a result table as matrices: "pendulum: error" and "pendulum: time" share a line, with a column for each.
 
-A name is parted at its last ": ", else at its last ", ". Cases that share columns form one matrix. A cell that misses
+A name is parted at its last ": ", else at its last ", ". Cases that share columns form one matrix; where few rows are left, so do the cases of one quantity. A cell that misses
 its goal is bold; the goal stands in the column's head where all cells have it, else beside its value.
 """
 
@@ -14,6 +14,8 @@ from functools import cached_property
 from typing import Any, final
 
 MOST_COLUMNS, MOST_CELLS = 10, 80
+MOST_LISTED = 40
+"""Of so many rows that are left, those of one quantity become a matrix of one column."""
 WIDE = 6
 """A matrix of more columns is turned, where it has fewer cases than columns."""
 LEAST_CELLS, LEAST_FILLED = 6, 0.6
@@ -81,7 +83,14 @@ def matrices(rows: Sequence[TableRow]) -> tuple[list[Matrix], list[TableRow]]:
             found += more
             inside = {id(row) for matrix in more for row in matrix.cells.values()}
             left = [row for row in left if id(row) not in inside]
-    return found, left
+    if len(left) > MOST_LISTED:
+        return found, left
+    columns = dict[Column, dict[tuple[str, Column], TableRow]]()
+    for key, row in _parted(left, ": ").items():
+        columns.setdefault(key[1], {})[key] = row
+    found += [Matrix(cells) for cells in columns.values() if len(cells) >= LEAST_CELLS]
+    inside = {id(row) for matrix in found for row in matrix.cells.values()}
+    return found, [row for row in left if id(row) not in inside]
 
 
 def _parted(rows: Iterable[TableRow], mark: str) -> Cells:

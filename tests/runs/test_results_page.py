@@ -96,3 +96,10 @@ def test_few_cases_with_many_quantities_stand_side_by_side() -> None:
     lines = page(table)
     assert "|  | slow | fast |" in lines
     assert "| quantity 7 | 7 | 7 |" in lines
+
+
+def test_the_cases_of_one_quantity_are_a_column() -> None:
+    table = ResultTable("study", "make study", [1], commit=None)
+    for i in range(8):
+        table.add(f"case {i}: size", float(i), unit="m")
+    assert page(table)[6:10] == ["|  | size [m] |", "|---|---|", "| case 0 | 0 |", "| case 1 | 1 |"]
