@@ -1,7 +1,8 @@
 """Rows of a result table as matrices: "pendulum: error" and "pendulum: time" share a line, with a column for each.
 
-A name is parted at its last ": ", else at its last ", ". Cases that share columns form one matrix; where few rows are left, so do the cases of one quantity. A cell that misses
-its goal is bold; the goal stands in the column's head where all cells have it, else beside its value.
+A name is parted at its last ": ", else at its last ", ". Cases that share columns form one matrix; where few rows are
+left, so do the cases of one quantity. A cell that misses its goal is bold; the goal stands in the column's head where
+all cells have it, else beside its value.
 """
 
 from __future__ import annotations

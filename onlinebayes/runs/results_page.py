@@ -24,7 +24,7 @@ SEVERAL = 3
 """So many rows of one quantity become one line."""
 CHARACTERS = 60
 """A longer text is cut in a summary."""
-OLDER = "Printed by older code, before tables named their commit: today's may print other figures."
+OLDER = "Printed by older code, before tables named their commit: the code of today may print other figures."
 HOLDS = {None: "", True: "yes", False: "**no**"}
 NUMBERS = re.compile(r"\d[\d.,]*")
 
@@ -45,8 +45,8 @@ def result_page(table: Mapping[str, Any], most: float = ROWS) -> str:
         return "\n".join([*lines, *_full(rows)]) + "\n"
     judged = [row for row in rows if row["holds"] is not None]
     told = f"{sum(row['holds'] for row in judged)} of {len(judged)} goals are held. " if judged else ""
-    spreads = ", with their spreads," if any(row["spread"] is not None for row in rows) else ""
-    lines += [f"{told}All {len(rows)} rows{spreads} stand in [{table['name']}.json]({table['name']}.json)."]
+    spreads = " and their spreads" if any(row["spread"] is not None for row in rows) else ""
+    lines += [f"{told}All {len(rows)} rows{spreads}: [{table['name']}.json]({table['name']}.json)."]
     found, left = matrices(rows)
     if any(row["holds"] is False for matrix in found for row in matrix.cells.values()):
         lines[-1] += " Bold: the goal is missed."

@@ -26,14 +26,14 @@ def test_a_short_table_is_shown_whole_without_its_empty_columns() -> None:
     table = ResultTable("study", "make study", [], commit=None)
     table.add("error | of all", 0.12345, unit="m")
     lines = page(table)
-    assert lines[4] == "All 1 rows stand in [study.json](study.json)."
+    assert lines[4] == "All 1 rows: [study.json](study.json)."
     assert lines[6:] == ["| name | value | unit |", "|---|---|---|", "| error \\| of all | 0.1235 | m |"]
     assert "(commit unknown; seeds none; " in lines[2]
 
 
 def test_a_long_table_shows_misses_the_range_of_each_quantity_and_the_first_other_rows(long: ResultTable) -> None:
     lines = page(long)
-    assert "39 of 40 goals are held. All 80 rows, with their spreads, stand in [study.json](study.json)." in lines
+    assert "39 of 40 goals are held. All 80 rows and their spreads: [study.json](study.json)." in lines
     assert "| system 39: after 39 steps | 39 | m | <= 38 |" in lines
     assert "| after ... steps | 40 | 0 | 19.5 | 39 | m | 39 of 40 |" in lines
     assert "| verdict 11 | tie |" in lines
