@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from onlinebayes.runs.files import write_atomic
-from onlinebayes.runs.results_page import result_page
+from onlinebayes.runs.results_page import full_table, result_page
 from onlinebayes.runs.revision import commit
 
 PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
@@ -107,7 +107,7 @@ class ResultTable:
 
     def to_markdown(self) -> str:
         """The head and every row."""
-        return result_page(json.loads(self.to_json()), math.inf)
+        return full_table(json.loads(self.to_json()))
 
     def write(self, folder: str | Path = "docs/results") -> Path:
         """Write ``NAME.json`` and its page ``NAME.md`` atomically and return the JSON's path."""

@@ -8,7 +8,6 @@ has.
 
 from __future__ import annotations
 
-import math
 import re
 import statistics
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from onlinebayes.runs.results_matrix import SHARE, matrices
 
 ROWS = 24
 """More rows than that, beside the matrices, are summed up."""
-LINES = 12
+LINES = 8
 """Quantities and other rows of a summary are at most so many each."""
 SEVERAL = 3
 """So many rows of one quantity become one line."""
@@ -32,29 +31,30 @@ TableRow = Mapping[str, Any]
 Cells = Sequence[str]
 
 
-def result_page(table: Mapping[str, Any], most: float = ROWS) -> str:
+def result_page(table: Mapping[str, Any]) -> str:
     """The page of a table.
 
     Args:
         table: what its JSON holds.
-        most: rows of a table that is not summed up.
     """
-    rows = table["rows"]
-    lines = [f"# {table['name']}", "", *_printed(table), ""]
-    if most == math.inf:
-        return "\n".join([*lines, *_full(rows)]) + "\n"
+    rows, file = table["rows"], f"{table['name']}.json"
     judged = [row for row in rows if row["holds"] is not None]
-    told = f"{sum(row['holds'] for row in judged)} of {len(judged)} goals are held. " if judged else ""
+    held = f"{sum(row['holds'] for row in judged)} of {len(judged)} goals are held. " if judged else ""
     spreads = " and their spreads" if any(row["spread"] is not None for row in rows) else ""
-    lines += [f"{told}All {len(rows)} rows{spreads}: [{table['name']}.json]({table['name']}.json)."]
     found, left = matrices(rows)
-    if any(row["holds"] is False for matrix in found for row in matrix.cells.values()):
-        lines[-1] += " Bold: the goal is missed."
+    bold = any(row["holds"] is False for matrix in found for row in matrix.cells.values())
+    lines = [*_head(table), f"{held}All {len(rows)} rows{spreads}: [{file}]({file})."]
+    lines[-1] += " Bold: the goal is missed." if bold else ""
     for matrix in found:
         lines += ["", *_lines(*matrix.table())]
     if left:
-        lines += ["", *_full(left)] if len(left) <= most else _summary(left)
+        lines += ["", *_full(left)] if len(left) <= ROWS else _summary(left)
     return "\n".join(lines) + "\n"
+
+
+def full_table(table: Mapping[str, Any]) -> str:
+    """The head of a table and every row, for the terminal."""
+    return "\n".join([*_head(table), *_full(table["rows"])]) + "\n"
 
 
 def _full(rows: Sequence[TableRow], limit: int | None = None) -> list[str]:
@@ -66,12 +66,12 @@ def _full(rows: Sequence[TableRow], limit: int | None = None) -> list[str]:
     return _lines(("name", "value", "spread", "unit", "goal", "holds"), cells, limit)
 
 
-def _printed(table: Mapping[str, Any]) -> list[str]:
+def _head(table: Mapping[str, Any]) -> list[str]:
     seeds, date = ", ".join(map(str, table["seeds"])), table.get("date")
     when = f" on {date}" if date else ""
     code = f"commit {table.get('commit') or 'unknown'}; " if date else ""
     line = f"Printed by `{table['command']}`{when} ({code}seeds {seeds or 'none'}; {table['machine']})."
-    return [line] if date else [line, OLDER]
+    return [f"# {table['name']}", "", line, *([] if date else [OLDER]), ""]
 
 
 def _summary(rows: Sequence[TableRow]) -> list[str]:

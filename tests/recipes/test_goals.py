@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import pytest
-
-from onlinebayes.runs import ResultTable, result_page
+from onlinebayes.runs import ResultTable
 from onlinebayes.runs.results import today
 from recipes.studies.goals import page_of
 
@@ -33,9 +30,3 @@ def test_a_page_counts_goals_and_names_what_misses_them(tmp_path: Path) -> None:
 
 def test_the_page_of_the_repository_is_the_latest() -> None:
     assert (RESULTS / "goals.md").read_text(encoding="utf-8") == page_of(RESULTS), "run make pages"
-
-
-@pytest.mark.parametrize("file", sorted(RESULTS.glob("*.json")), ids=lambda file: file.stem)
-def test_every_page_of_the_repository_is_made_from_its_table(file: Path) -> None:
-    page = result_page(json.loads(file.read_text(encoding="utf-8")))
-    assert file.with_suffix(".md").read_text(encoding="utf-8") == page, "run make pages"

@@ -36,9 +36,9 @@ def test_a_long_table_shows_misses_the_range_of_each_quantity_and_the_first_othe
     assert "39 of 40 goals are held. All 80 rows and their spreads: [study.json](study.json)." in lines
     assert "| system 39: after 39 steps | 39 | m | <= 38 |" in lines
     assert "| after ... steps | 40 | 0 | 19.5 | 39 | m | 39 of 40 |" in lines
-    assert "| verdict 11 | tie |" in lines
-    assert "| verdict 12 | tie |" not in lines
-    assert lines[-1] == "And 28 more."
+    assert "| verdict 7 | tie |" in lines
+    assert "| verdict 8 | tie |" not in lines
+    assert lines[-1] == "And 32 more."
 
 
 def test_what_is_printed_holds_every_row(long: ResultTable) -> None:
