@@ -77,6 +77,9 @@ cost: setup      ## seconds and memory of refine, and how they grow -> docs/resu
 	$(BIN)/python -m recipes.studies.cost
 goals: setup     ## which goals the studies hold and miss, read off their tables -> docs/results/goals.md
 	$(BIN)/python -m recipes.studies.goals
+.PHONY: pages
+pages: setup     ## the pages of docs/results from the tables that there are (seconds)
+	$(BIN)/python -m recipes.studies.pages
 versus-sysid: setup  ## refine and its fit against mujoco.sysid (hours; goes on where it was stopped) -> docs/results/versus-sysid.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.versus_sysid --out $(OUT)/versus_sysid

@@ -265,9 +265,11 @@ def _held_out(
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:
     """Choose the integration of the reported models: no coarser than the user's, unless the log follows just that."""
-    if evaluator.original_integrator:
-        return evaluator.discretisation.values
-    return reported(given, *(evaluation.fitted.simulator for evaluation in evaluations))
+    way = evaluator.discretisation.values
+    if evaluator.original_integrator and not way.scaled_moments:
+        return way
+    chosen = reported(given, *(evaluation.fitted.simulator for evaluation in evaluations))
+    return replace(chosen, scaled_moments=way.scaled_moments)
 
 
 def _remainder(

@@ -30,6 +30,8 @@ VERDICTS = {
 SURE, PROBABLE = 0.9, 0.5
 """Probabilities from which on an effect is said to be missing, and to be probably missing."""
 
+NOT_ALL = ": most of the misfit is explained, not all"
+
 SHOWN_RUNS = 8
 """The most runs whose own values stand in a sentence."""
 
@@ -66,7 +68,10 @@ def headline(result: Criticism) -> str:
     if result.verdict == "insufficient_data":
         return "There is too little data to tell whether anything is missing."
     if result.verdict == "bounds_exclude_truth":
-        return f"No effect is missing: the bounds of {listing(list(result.widened))} exclude what the data ask for."
+        found = f"the bounds of {listing(list(result.widened))} exclude what the data ask for"
+        if result.remainder.status == "noise":
+            return f"No effect is missing: {found}."
+        return f"{found[0].upper()}{found[1:]}, or something that acts like them is missing{NOT_ALL}."
     if result.verdict == "data_problem":
         fault = f" ({result.wiring.fault})" if result.wiring else ""
         return f"The data themselves explain the misfit better than any missing physics{fault}."
@@ -101,7 +106,7 @@ def _not_all(result: Criticism) -> str:
     if result.remainder.status == "noise":
         return ""
     it = "it" if len(result.accepted) == 1 else "them"
-    return f", or what acts much like {it}: most of the misfit is explained, not all"
+    return f", or what acts much like {it}{NOT_ALL}"
 
 
 def improvement(result: Criticism) -> str:

@@ -16,6 +16,7 @@ from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.random_state import OwnRandom, random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row, versions
+from onlinebayes.runs.results_page import result_page
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
@@ -73,6 +74,7 @@ __all__ = [
     "remembered",
     "restore",
     "restore_part",
+    "result_page",
     "seed_everything",
     "seed_of",
     "set_random_state",

@@ -1,4 +1,4 @@
-"""Result tables: ``docs/results/NAME.json`` and the Markdown table made from it.
+"""Result tables: ``docs/results/NAME.json`` and the Markdown page made from it.
 
 Each row is ``{name, value, spread, unit, goal, holds}``; the head records command, date, commit, seeds, versions and
 machine, so that every figure in a document can be printed again, by the code that printed it.
@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from onlinebayes.runs.files import write_atomic
+from onlinebayes.runs.results_page import full_table, result_page
 from onlinebayes.runs.revision import commit
 
 PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
@@ -105,27 +106,14 @@ class ResultTable:
         return json.dumps({**head, "rows": rows}, indent=1) + "\n"
 
     def to_markdown(self) -> str:
-        """The table as a reader sees it."""
-        lines = [
-            f"# {self.name}",
-            "",
-            f"Printed by `{self.command}` on {today()} (commit {self.commit or 'unknown'};"
-            f" seeds {', '.join(map(str, self.seeds))}; {machine()}).",
-            "",
-            "| name | value | spread | unit | goal | holds |",
-            "|---|---|---|---|---|---|",
-        ]
-        for row in self.rows:
-            holds = {None: "", True: "yes", False: "**no**"}[row.holds]
-            cells = (row.name, _text(row.value), _text(row.spread), row.unit, row.goal or "", holds)
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-        return "\n".join(lines) + "\n"
+        """The head and every row."""
+        return full_table(json.loads(self.to_json()))
 
     def write(self, folder: str | Path = "docs/results") -> Path:
-        """Write ``NAME.json`` and ``NAME.md`` atomically and return the JSON's path."""
-        folder = Path(folder)
-        write_atomic(folder / f"{self.name}.md", self.to_markdown())
-        write_atomic(folder / f"{self.name}.json", self.to_json())
+        """Write ``NAME.json`` and its page ``NAME.md`` atomically and return the JSON's path."""
+        folder, table = Path(folder), self.to_json()
+        write_atomic(folder / f"{self.name}.md", result_page(json.loads(table)))
+        write_atomic(folder / f"{self.name}.json", table)
         return folder / f"{self.name}.json"
 
 
@@ -153,9 +141,3 @@ def machine() -> str:
 
 def _finite(value: object) -> object:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _text(value: float | str | None) -> str:
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else f"{value:.4g}"

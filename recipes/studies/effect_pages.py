@@ -11,7 +11,7 @@ with their cosines (:mod:`.effect_pages_likeness`). The rest of a page is writte
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,49 +91,29 @@ def make(study: Study) -> list[Card]:
 def block(card: Card) -> str:
     """The printed part of a page, between its two marks."""
     name = card.effect.name
-    known = " with mass and damping known" if card.held else ""
-    refit = (
-        "Mass and damping can do the same on this machine: with them free nothing would be left to see, so that they "
-        "are held at their true values here"
-        if card.held
-        else "Mass and damping are refitted"
-    )
-    alike = [
-        f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} | {quantities.percent(one.apart)} |"
-        for one in card.alike
-    ]
-    richer = [other for other, kind in EFFECTS.items() if name in kind.contains]
+    held = " (and its mass and damping known, for they can do the same)" if card.held else ""
+    alike = [f"[{name_of(one.other)}]({name_of(one.other)}.md) ({one.cosine:.4f})" for one in card.alike]
+    richer = [f"[{other}]({other}.md)" for other, kind in EFFECTS.items() if name in kind.contains]
+    contained = f" It is contained in {_listed(richer)}." if richer else ""
     return "\n".join(
         [
             BEGIN,
-            f"On the [standard machine](README.md#the-standard-machine) `{card.effect.key}` has these values:",
+            f"On the [standard machine](README.md#the-standard-machine) with {shown(card.effect, card.specimen)}{held} "
+            f"the model without it errs by {quantities.significant(card.left)} times the noise.",
             "",
-            "| parameter | shown here | bounds that `diagnose` gives it |",
-            "|---|---|---|",
-            *parameter_rows(card.effect, card.specimen),
+            f"![What a model without {name} gets wrong](images/{name}.svg)",
             "",
-            f"![What a model without {name} gets wrong: residual over time; missing torque over velocity, angle and "
-            f"command](images/{name}.svg)",
-            "",
-            f"{refit}; the model errs by {quantities.significant(card.left)} times the noise.",
-            "",
-            f"| it looks like{known} | cosine | share of its trace that this cannot imitate |",
-            "|---|---|---|",
-            *alike,
-            *([] if not richer else ["", f"It is contained in {_linked(richer)}, which can do all that it does."]),
+            f"It looks like {_listed(alike)}.{contained}",
             END,
         ]
     )
 
 
-def parameter_rows(effect: Effect, specimen: Mapping[str, float]) -> list[str]:
-    """A row for each parameter: its value in the picture and its bounds, which share a unit."""
-    rows = []
-    for name, bounds in effect.parameters.items():
-        scale = quantities.scale_for(max(abs(bounds.low), abs(bounds.high)), bounds.unit)
-        shown = quantities.text(specimen[name], bounds.unit)
-        rows.append(f"| `{name}` | {shown} | {scale.number(bounds.low)} to {scale.text(bounds.high)} |")
-    return rows
+def shown(effect: Effect, specimen: Mapping[str, float]) -> str:
+    """The values of the effect in the picture."""
+    return _listed(
+        [f"`{name}` {quantities.text(specimen[name], bounds.unit)}" for name, bounds in effect.parameters.items()]
+    )
 
 
 def written(page: str, content: str, where: str) -> str:
@@ -195,8 +175,8 @@ def _names() -> tuple[str, ...]:
     return tuple(name_of(key) for key in SPECIMENS)
 
 
-def _linked(names: list[str]) -> str:
-    return " and ".join(f"[{name}]({name}.md)" for name in names)
+def _listed(texts: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ a thousandth (of the squared trace) is confounded with them, and compared as if 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -54,11 +53,6 @@ class Likeness:
     effect: str
     other: str
     cosine: float
-
-    @property
-    def apart(self) -> float:
-        """Share of the effect's trace that the other cannot imitate, in 0..1."""
-        return math.sqrt(max(0.0, 1.0 - self.cosine**2))
 
 
 def traces(

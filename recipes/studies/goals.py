@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,21 +15,12 @@ from onlinebayes.runs import write_atomic
 
 HEAD = """# Goals
 
-Goals that were judged, read off the tables by `make goals`. A goal is held or missed by the
-value that the study's command printed.
-"""
-PRESENT = """
-## By commit
-Tables that name the commit of the code that printed them.
+Goals that were judged, read off the tables by `make goals`: how many are held, and the quantities in which the others
+are missed. Values and goals stand on each study's page. A table without a commit was printed before tables named one:
+the code of today may hold or miss other goals.
 
-| study | printed | commit | held | of |
-|---|---|---|---|---|"""
-OLDER = """
-## By older code
-These tables were printed before tables named a commit. The code of today may hold or miss other goals.
-
-| study | held | of |
-|---|---|---|"""
+| study | printed | commit | held | of | missed |
+|---|---|---|---|---|---|"""
 
 
 @dataclass(frozen=True)
@@ -47,42 +39,30 @@ def main(study: Study) -> None:
 
 
 def page_of(results: Path) -> str:
-    """The page about the tables of a folder."""
+    """The page about the tables of a folder, those with a commit first."""
     tables = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(results.glob("*.json"))]
     judged = [(table, rows) for table in tables if (rows := [row for row in table["rows"] if row["holds"] is not None])]
-    present = [(table, rows) for table, rows in judged if table.get("commit")]
-    older = [(table, rows) for table, rows in judged if not table.get("commit")]
-    lines = [HEAD.rstrip("\n"), PRESENT]
-    lines += [f"| {_linked(t)} | {t['date']} | {t['commit']} | {_held(rows)} | {len(rows)} |" for t, rows in present]
-    lines += [f"| all | | | {_count(present)} |", OLDER]
-    lines += [f"| {_linked(t)} | {_held(rows)} | {len(rows)} |" for t, rows in older]
-    lines += [f"| all | {_count(older)} |"]
-    for title, part in (("## Missed, by commit", present), ("## Missed, by older code", older)):
-        lines += ["", title]
-        for table, rows in part:
-            if _held(rows) < len(rows):
-                lines += ["", f"### {table['name']}", "| what | value | goal |", "|---|---|---|", *_missed(rows)]
-    return "\n".join(lines) + "\n"
+    judged.sort(key=lambda pair: not pair[0].get("commit"))
+    lines = [HEAD, *(_line(table, rows) for table, rows in judged)]
+    held, all_of_them = (sum(count(rows) for _, rows in judged) for count in (_held, len))
+    return "\n".join([*lines, f"| all | | | {held} | {all_of_them} | |"]) + "\n"
 
 
-def _linked(table: dict[str, Any]) -> str:
-    return f"[{table['name']}]({table['name']}.md)"
+def _line(table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> str:
+    name, missed = table["name"], "; ".join(_missed(rows)).replace("|", "\\|")
+    cells = (f"[{name}]({name}.md)", table.get("date") or "", table.get("commit") or "", _held(rows), len(rows), missed)
+    return "| " + " | ".join(map(str, cells)) + " |"
 
 
-def _count(judged: list[tuple[dict[str, Any], list[dict[str, Any]]]]) -> str:
-    return f"{sum(_held(rows) for _, rows in judged)} | {sum(len(rows) for _, rows in judged)}"
-
-
-def _held(rows: list[dict[str, Any]]) -> int:
+def _held(rows: Sequence[Mapping[str, Any]]) -> int:
     return sum(row["holds"] for row in rows)
 
 
-def _missed(rows: list[dict[str, Any]]) -> Iterator[str]:
-    for row in rows:
-        if not row["holds"]:
-            value = row["value"] if isinstance(row["value"], str) else f"{row['value']:.4g}"
-            cells = (row["name"], f"{value} {row['unit']}".strip(), row["goal"] or "")
-            yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _missed(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The quantities that miss a goal, and how often where it is more than once."""
+    counts = Counter(row["name"].rpartition(": ")[2] for row in rows if not row["holds"])
+    for quantity, count in counts.items():
+        yield quantity if count == 1 else f"{quantity} ({count})"
 
 
 if __name__ == "__main__":

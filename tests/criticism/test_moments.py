@@ -69,5 +69,6 @@ def test_a_denser_link_is_no_missing_effect() -> None:
     result = refine(model(), recorded(model().with_scaled_moments()), holdout=["run6", "run7"])
     assert (result.verdict, result.accepted) == ("adequate", ())
     assert any("moments of inertia" in note for note in result.notes)
+    assert not any("as if a simulator" in note for note in result.notes)
     low, high = result.parameters["body.fore.mass"].q05, result.parameters["body.fore.mass"].q95
     assert low - 0.01 < 0.9 < high + 0.01

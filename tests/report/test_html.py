@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism.criticism import Criticism
-from onlinebayes.criticism.results import MOVES_NOTHING, HeldOutError, Remainder
+from onlinebayes.criticism.results import MOVES_NOTHING, HeldOutError, Remainder, WidenedBounds
 from onlinebayes.identification.results import Estimate, FlatDirection
 from onlinebayes.report import candidate_words, phrases, words
 from onlinebayes.report.html import to_html
@@ -73,6 +73,18 @@ def bare(result: Criticism, **changes: object) -> Criticism:
 def test_what_leaves_noise_alone_is_named_without_a_reservation() -> None:
     result = dataclasses.replace(criticism(), remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
     assert "The model misses dry friction and constant load at carriage." in check(to_html(result, title="drive.toml"))
+
+
+def test_a_bound_is_all_that_is_wrong_only_where_noise_is_left() -> None:
+    key = "joint.carriage.damping"
+    result = dataclasses.replace(
+        criticism(), verdict="bounds_exclude_truth", widened={key: WidenedBounds((0.0, 0.2), (0.0, 2.0))}
+    )
+    clean = dataclasses.replace(result, remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
+    asked = f"the bounds of {key} exclude what the data ask for"
+    assert words.headline(clean) == f"No effect is missing: {asked}."
+    more = "or something that acts like them is missing: most of the misfit is explained, not all."
+    assert words.headline(result) == f"T{asked[1:]}, {more}"
 
 
 @pytest.mark.parametrize(("p", "said"), [(0.97, "misses"), (0.7, "probably misses"), (0.3, "may miss")])

@@ -50,7 +50,7 @@ def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) ->
             f"numerics: in steps of {way.timestep:g} s the integration error is no small part of what is left: sizes "
             "of what is named carry it; give the model a shorter time step or a better integrator"
         )
-    elif evaluator.original_integrator:
+    elif evaluator.original_integrator and not way.scaled_moments:
         method = "a method of first order" if way.method == "first_order" else "the model's own integrator"
         yield (
             f"numerics: {method} in steps of {way.timestep:g} s follows the log far better than a finer "

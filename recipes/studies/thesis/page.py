@@ -151,12 +151,72 @@ def circle(results: Path) -> Iterator[str]:
         yield _line([name, TABLE_5_2.get(name, MISSING), *cells])
 
 
+GAITS = {"Table 4.1": ("3.391", "[0.3, 0.5]", "MuJoCo"), "Table 5.1": ("3.384", "[0.1, 0.5]", "Drake")}
+"""Table -> the thesis's best density of the hopper's friction, its prior here, the engine that is measured."""
+FETCH = {
+    "Table 4.1, Fetch Push": ("2.423", "push, protocol, U[0.1, 1.0]"),
+    "Table 4.1, Fetch Slide": ("2.391", "slide, protocol of Table 4.1, U[0.1, 1.0]"),
+    "Table 5.1, Fetch Push": ("2.18", "push, protocol of Table 5.1, U[0.1, 2.0]"),
+    "Table 5.1, Fetch Slide": ("3.24", "slide, protocol, U[0.1, 2.0]"),
+}
+"""Row -> the thesis's best, the case of ``make fetch-friction`` with its prior."""
+
+
+def friction(results: Path) -> Iterator[str]:
+    """The Fetch arm's and the hopper's rows of both tables."""
+    arm, legs = rows_of(results, "fetch-friction"), rows_of(results, "hopper")
+    if not arm or not legs:
+        yield "**Missing**: `make fetch-friction` or `make hopper` is not printed yet."
+        return
+    yield from _head(["row", "friction", "thesis's best", "ours", "prior", "ceiling"])
+    for told, (thesis, case) in FETCH.items():
+        names = (f"{case}: log density", f"{case}: the prior")
+        yield _line([told, case[case.index("U[") :], thesis, *(_text(arm[name]["value"]) for name in names), MISSING])
+    for told, (thesis, prior, engine) in GAITS.items():
+        case = f"prior U{prior}, running, measured in"
+        rows = (f"{case} {engine}: log density of the truth", f"prior U{prior}: the prior's density")
+        shown = [_text(legs[name]["value"]) for name in (*rows, f"{case} MuJoCo: exact, its start known")]
+        row = f"{told}, Hopper, measured in {engine}"
+        yield _line([row, f"U{prior}", thesis, *shown])
+
+
+USES = {"0": "0.077", "0.1": "0.18", "0.2": "0.6", "0.3": "0.88"}
+"""lambda of a published policy -> its use of the camera."""
+
+
+def recorded(results: Path) -> Iterator[str]:
+    """The published policies of chapter 3 beside ours, by the rows of ``make egocentric``."""
+    rows = rows_of(results, "egocentric")
+    if not rows:
+        yield "**Missing**: `make egocentric` is not printed yet."
+        return
+    yield from _head(["lambda", "published policy", "its use of the camera", "ours, by row", "by block", "random mix"])
+    for told, use in USES.items():
+        names = [f"recorded rows{fold} at use {use}" for fold in (", by row: accuracy", ", by block: accuracy")]
+        names = [f"published policy, lambda {told}: accuracy", *names, f"recorded rows: random mix at use {use}"]
+        published, *ours = (f"{rows[name]['value']:.3f}" for name in names)
+        yield _line([told, published, use, *ours])
+
+
+def pipeline(results: Path) -> Iterator[str]:
+    """The actor-critic of chapter 3 in our own pipeline, by the rows of ``make egocentric``."""
+    rows, above = rows_of(results, "egocentric"), ": actor-critic above the random mix at use "
+    yield from _head(["use of the camera", "by sequence", "leaky split, as published", "by sequence, less reference"])
+    for use in [name.split(above)[1] for name in rows if name.startswith(f"by sequence{above}")]:
+        less = f"by sequence: actor-critic less reference at use {use}"
+        names = [f"by sequence{above}{use}", f"leaky{above}{use}", less]
+        yield _line([use, *(f"{rows[name]['value']:.1f}" for name in names)])
+
+
 TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
     "4.1": partial(densities, "4.1"),
     "5.1": partial(densities, "5.1"),
     "five-seeds": five_seeds,
     "online": online,
     "5.2": circle,
+    "friction": friction,
+    "recorded": recorded,
+    "pipeline": pipeline,
 }
 
 
