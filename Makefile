@@ -136,5 +136,12 @@ survival: setup  ## a run killed at twenty random moments ends as if it had not 
 effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
 	$(BIN)/python -m recipes.studies.effect_pages
 
+.PHONY: site
+site: setup      ## the documentation as a site, warnings are errors (a minute or two, once) -> out/site
+	@$(PIP) -e '.[docs]'
+	$(BIN)/python docs/site/shown.py $(OUT)/examples
+	PYTHONPATH=. $(BIN)/python -m sphinx -W --keep-going -q -c docs/site -d $(OUT)/doctrees -D html_extra_path=$(abspath $(OUT)/examples) . $(OUT)/site
+	@echo "open $(OUT)/site/index.html"
+
 clean:           ## remove .venv and the outputs
 	rm -rf .venv $(OUT)

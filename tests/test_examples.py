@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 import torch
 
@@ -104,6 +106,18 @@ def test_the_page_does_what_it_says(
             shown_in(text, capsys.readouterr().out)
             told += 1
     assert told, "the page shows nothing that its code prints"
+
+
+@pytest.mark.slow
+def test_the_notebook_finds_what_its_machine_hides(capsys: pytest.CaptureFixture[str]) -> None:
+    """The cells run as Python; in a Jupyter kernel ``make site`` runs them."""
+    notebook = json.loads((PAGES[0].parent / "notebook.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert not any(cell.get("outputs") for cell in notebook["cells"]), "outputs are not kept in the file"
+    names: dict[str, object] = {"__name__": "notebook"}
+    exec(compile("\n".join(cells), "notebook.ipynb", "exec"), names)
+    assert "missing_effect ('dry_friction@arm',)" in capsys.readouterr().out
+    plt.close("all")
 
 
 def test_the_way_from_a_log_to_a_policy_is_one_short_page() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), ROOT / "llms.txt", *ROOT.glob("docs/**/*.md")])
 LINK = r"\]\(([^)#\"\s]*)#?([^)\"\s]*)(?: \"[^\"]*\")?\)"
 """[text](target#anchor "title"), the anchor and the title where there are some."""
 

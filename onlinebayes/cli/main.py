@@ -58,6 +58,18 @@ EXPORTS = ("json", "mujoco", "playground", "mjlab", "isaaclab")
 
 BUDGETED = ("compare", "diagnose", "refine", "next")
 
+PATHS = ("problem", "model", "logs", "folder", "out")
+"""Arguments that are paths."""
+
+FILES = {
+    "bash": "_shtab_compgen_files",
+    "zsh": "_files",
+    "tcsh": "f",
+    "fish": "(__fish_complete_path (commandline -ct))",
+    "powershell": "_shtab_powershell_compgen_files",
+}
+"""Shell -> how its completion, as shtab writes it, proposes files (``shtab.FILE``, without an import of it)."""
+
 
 class _Parser(argparse.ArgumentParser):
     """Bad arguments are bad input: one line, exit status 2."""
@@ -125,6 +137,10 @@ def parser() -> argparse.ArgumentParser:
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command or a training run wrote")
     show.add_argument("--html", action="store_true", help="open the page only")
+    for command in commands.choices.values():
+        for argument in command._actions:
+            if argument.dest in PATHS:
+                argument.complete = FILES  # type: ignore[attr-defined]
     return top
 
 

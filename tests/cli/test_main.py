@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from onlinebayes.cli import show, work
-from onlinebayes.cli.main import main
+from onlinebayes.cli.main import FILES, main, parser
 from onlinebayes.criticism import Criticism
 from onlinebayes.problems import commands
 from onlinebayes.runs import Stages
@@ -208,3 +208,19 @@ def test_a_recording_that_is_a_folder_is_not_offered(tmp_path: Path, capsys) -> 
     (tmp_path / "run.rrd").mkdir()
     assert main(["show", str(tmp_path)]) == 0
     assert "recording:" not in capsys.readouterr().out
+
+
+def test_a_shell_is_told_which_arguments_are_paths() -> None:
+    (commands_,) = (action for action in parser()._actions if action.dest == "command")
+    paths = {
+        name: {action.dest for action in command._actions if getattr(action, "complete", None) == FILES}
+        for name, command in commands_.choices.items()  # type: ignore[union-attr]
+    }
+    assert paths["refine"] == {"problem", "out"}
+    assert paths["init"] == {"model", "logs", "out"}
+    assert paths["check"] == {"folder", "logs", "out"}
+    assert paths["show"] == {"out"}
+
+
+def test_files_are_what_shtab_calls_them() -> None:
+    assert pytest.importorskip("shtab").FILE == FILES
