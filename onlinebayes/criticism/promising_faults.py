@@ -24,6 +24,7 @@ from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.rows import starts_part
 from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
@@ -165,7 +166,7 @@ def _at_best(
     rows = base.fitted.of(some.run.new_tensor([place[span] for span in some.spans])).rows
     scaled = (residual * rows.weight).flatten(1)
     full = torch.cat([scaled, scaled.new_zeros(len(scaled), rows.basis.shape[1] - scaled.shape[1])], dim=1)
-    left = full - torch.einsum("wmj,wkj,wk->wm", rows.basis, rows.basis, full)
+    left = full - starts_part(rows, full)
     yield rows.in_noise(left)
     if moving and rows.columns.shape[-1]:
         C, r = rows.columns.flatten(0, 1), left.flatten()

@@ -130,7 +130,12 @@ def left_of(windows: Windows, rows: Rows, residual: Float[Tensor, "D W n S"], st
     """The rows (D, W, m) of other residuals [SI] from the fit's starts, these taken out as at the fit."""
     scale, shift = per_noise(windows) * rows.weight, rows.prior_weight * start_misfit(windows, starts)
     full = torch.cat([(residual * scale).flatten(2, 3), shift.expand(len(residual), *shift.shape)], dim=2)
-    return full - torch.einsum("wmj,wkj,dwk->dwm", rows.basis, rows.basis, full)
+    return full - starts_part(rows, full)
+
+
+def starts_part(rows: Rows, full: Float[Tensor, "*D W m"]) -> Float[Tensor, "*D W m"]:
+    """The part of rows that the windows' starts can do, from right to left: B B^T is m x m a window."""
+    return (rows.basis @ (rows.basis.mT @ full[..., None]))[..., 0]
 
 
 def start_shift(
