@@ -76,10 +76,10 @@ def test_a_servo_has_its_kp_freed_and_no_gear(tmp_path: Path) -> None:
 
 
 def test_what_a_machine_may_have_none_of_is_bounded_from_zero(tmp_path: Path) -> None:
-    passive = 'damping="0.05" stiffness="2" frictionloss="0.03"'
-    cart = CART.format('<actuator><motor name="m" joint="cart"/></actuator>').replace('damping="1"', passive)
+    passive = 'damping="0.5" stiffness="200" frictionloss="0.03"'
+    cart = CART.format('<actuator><motor name="m" joint="cart" gear="200"/></actuator>').replace('damping="1"', passive)
     freed = tomllib.loads(drafted(tmp_path, cart, "qpos.cart", "ctrl.m").text)["parameters"]
-    own = {"damping": 0.05, "stiffness": 2.0, "frictionloss": 0.03}
+    own = {"damping": 0.5, "stiffness": 200.0, "frictionloss": 0.03}
     assert {field: freed[f"joint.cart.{field}"] for field in own} == {
         field: [0.0, pytest.approx(3 * value)] for field, value in own.items()
     }
