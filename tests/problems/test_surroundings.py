@@ -83,3 +83,13 @@ def test_what_a_machine_may_have_none_of_is_bounded_from_zero(tmp_path: Path) ->
     assert {field: freed[f"joint.cart.{field}"] for field in own} == {
         field: [0.0, pytest.approx(3 * value)] for field, value in own.items()
     }
+
+
+def test_what_was_matched_stands_in_the_models_order(tmp_path: Path) -> None:
+    """Numbers of the machine's own name are in every column: they are those of some joints."""
+    links = "".join(f'<body pos="0 0 .1"><joint name="joint_{k}"/><geom size=".1"/>' for k in (1, 2, 3))
+    model = f"<mujoco><worldbody>{links}</body></body></body></worldbody></mujoco>"
+    made = drafted(tmp_path, model, *(f"j2n3_joint_{k}.position" for k in (3, 1, 2)))
+    assert [(one.name, one.column) for one in made.matches] == [
+        (f"qpos.joint_{k}", f"j2n3_joint_{k}.position") for k in (1, 2, 3)
+    ]
