@@ -26,7 +26,7 @@ WITHIN = 0.1
 
 def refined(folder: Path) -> Path:
     """The folder that ``refine`` leaves for a pendulum with dry friction."""
-    words = many_rows(folder, rows=20_000)
+    words = many_rows(folder, rows=10_000)
     assert command(["refine", words[1], "--out", str(folder / "refined")]) == 0
     return folder / "refined"
 

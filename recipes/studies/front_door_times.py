@@ -22,6 +22,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+GRACE_S = 20.0
+"""Processor time after which a command that was asked to stop is stopped at once [s]."""
 FRICTION = 0.05
 PENDULUM = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody><body name="link">
 <joint name="hinge" axis="0 1 0" damping="0.03"{}/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass=".5"/>
@@ -44,19 +46,24 @@ class Spent:
 
 
 def spent(words: list[str], limit: float) -> Spent:
-    """Run ``onlinebayes`` with these words; it is stopped after ``limit`` seconds of wall time [s]."""
+    """Run ``onlinebayes`` with these words; it is asked to stop after ``limit`` seconds of processor time [s]."""
     nothing_kept = {**os.environ, "ONLINEBAYES_CACHE": "off"}
     program = [sys.executable, "-m", "onlinebayes", *words]
     process = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=nothing_kept)
-    end = time.monotonic() + limit
     while not (found := os.wait4(process.pid, os.WNOHANG))[0]:
-        if time.monotonic() > end:
+        if _processor(process.pid) > limit:
             process.send_signal(signal.SIGINT)
-            end = time.monotonic() + 5.0
+            limit += GRACE_S
         time.sleep(0.1)
     _, status, usage = found
     process.returncode = os.waitstatus_to_exitcode(status)
     return Spent(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024**2, process.returncode)
+
+
+def _processor(pid: int) -> float:
+    """Processor time of a process and of its copies that have ended, until now [s]."""
+    numbers = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return sum(int(ticks) for ticks in numbers[11:15]) / os.sysconf("SC_CLK_TCK")
 
 
 def many_joints(folder: Path, legs: int = 10, links: int = 6) -> list[str]:
