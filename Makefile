@@ -48,7 +48,7 @@ fuzz: setup      ## refine on 200 drawn problems (half an hour); each that fails
 	ONLINEBAYES_FUZZ=200 $(BIN)/python -m pytest -m slow tests/cli/test_fuzz_refine.py
 
 .PHONY: front-door
-front-door: setup  ## are logs read as people write them: names of columns (seconds) -> docs/results/front-door.json
+front-door: setup  ## are logs read as people write them, in time (10 min) -> docs/results/front-door.json
 	$(BIN)/python -m recipes.studies.front_door
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

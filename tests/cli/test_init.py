@@ -11,7 +11,7 @@ import pytest
 from onlinebayes.cli.main import main
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.problems import load_problem
-from onlinebayes.problems.drafting.first_draft import _runs_and_columns, draft
+from onlinebayes.problems.drafting.first_draft import draft
 from onlinebayes.problems.drafting.freeing import free_parameters
 from tests.criticism import tumbling
 from tests.identification.fitting.test_unmeasured_moments import HANGING, LINK, TURNTABLE, recorded
@@ -34,13 +34,6 @@ def test_exact_names_need_nothing_more(folder, capsys) -> None:
     content = tomllib.loads((folder / "first.toml").read_text())
     assert content["parameters"] == {"joint.carriage.damping": [0.0, 6.0], "body.carriage.mass": [1.0, 9.0]}
     assert "signals" not in content
-
-
-@pytest.mark.parametrize(("runs", "held"), [(1, 0), (2, 1), (7, 2), (8, 1), (9, 2), (10, 3), (30, 10)])
-def test_enough_runs_are_left_to_fit(runs: int, held: int) -> None:
-    """Seven runs are blocks of their own, however slow the misfit."""
-    names = [f"run{r}" for r in range(runs)]
-    assert _runs_and_columns(names, ()) == ({"holdout": names[-held:]} if held else {})
 
 
 def test_commands_and_positions_in_two_tables_of_the_same_runs(folder, capsys) -> None:

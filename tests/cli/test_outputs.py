@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -150,6 +152,33 @@ def test_a_full_disk_is_one_line_and_leaves_the_report_before(folder: Path, caps
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
     assert f"{full}: cannot be written: No space left on device; make room" in line
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+NO_ROOM = """
+import resource, signal, sys
+from onlinebayes.cli import work
+from onlinebayes.cli.main import main
+from tests.report.synthetic import criticism, drive
+
+result = criticism(rate=50.0, seconds=2.0, simulator=drive())
+work.criticise = lambda *_: result
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
+sys.exit(main(["compare", "carriage.toml", "--out", "out"]))
+"""
+
+
+@pytest.mark.slow
+def test_nobody_else_speaks_where_a_recording_has_no_room(folder: Path) -> None:
+    """Rerun's writer tells of the disk in lines of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment.pop("RUST_LOG", None)
+    done = subprocess.run(
+        [sys.executable, "-c", NO_ROOM], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "run.rrd failed" in done.stderr
+    assert "re_sdk" not in done.stderr
 
 
 def fill(monkeypatch: pytest.MonkeyPatch, full: str) -> None:

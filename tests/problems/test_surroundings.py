@@ -28,7 +28,7 @@ SERVO = """<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbod
 
 def drafted(folder: Path, model: str, *names: str) -> Draft:
     time = np.arange(300) * 0.02
-    columns = [time, *(0.3 * np.sin(2 * time + k) for k in range(len(names)))]
+    columns = [time, *(0.3 * np.sin(2 * time + 0.5 * time**2 + k) for k in range(len(names)))]
     rows = "\n".join(",".join(f"{cell:.6f}" for cell in row) for row in np.stack(columns, 1))
     (folder / "log.csv").write_text(f"time,{','.join(names)}\n{rows}\n")
     (folder / "model.xml").write_text(model)
@@ -73,3 +73,23 @@ def test_a_servo_has_its_kp_freed_and_no_gear(tmp_path: Path) -> None:
     freed = tomllib.loads(drafted(tmp_path, SERVO, "qpos.servo", "ctrl.servo").text)["parameters"]
     assert freed["actuator.servo.kp"] == [2.0, 60.0]
     assert not any("gear" in name for name in freed)
+
+
+def test_what_a_machine_may_have_none_of_is_bounded_from_zero(tmp_path: Path) -> None:
+    passive = 'damping="0.5" stiffness="200" frictionloss="0.03"'
+    cart = CART.format('<actuator><motor name="m" joint="cart" gear="200"/></actuator>').replace('damping="1"', passive)
+    freed = tomllib.loads(drafted(tmp_path, cart, "qpos.cart", "ctrl.m").text)["parameters"]
+    own = {"damping": 0.5, "stiffness": 200.0, "frictionloss": 0.03}
+    assert {field: freed[f"joint.cart.{field}"] for field in own} == {
+        field: [0.0, pytest.approx(3 * value)] for field, value in own.items()
+    }
+
+
+def test_what_was_matched_stands_in_the_models_order(tmp_path: Path) -> None:
+    """Numbers of the machine's own name are in every column: they are those of some joints."""
+    links = "".join(f'<body pos="0 0 .1"><joint name="joint_{k}"/><geom size=".1"/>' for k in (1, 2, 3))
+    model = f"<mujoco><worldbody>{links}</body></body></body></worldbody></mujoco>"
+    made = drafted(tmp_path, model, *(f"j2n3_joint_{k}.position" for k in (3, 1, 2)))
+    assert [(one.name, one.column) for one in made.matches] == [
+        (f"qpos.joint_{k}", f"j2n3_joint_{k}.position") for k in (1, 2, 3)
+    ]

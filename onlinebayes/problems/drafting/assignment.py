@@ -70,6 +70,7 @@ def assign(simulator: MujocoSimulator, logs: Logs) -> Assignment:
     lacking = {name: could_be(name, wanted, numbers, inputs) for name in needed if name not in follows}
     if (guess := last_one(lacking)) and fits(guess):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
+    matches = tuple(sorted(matches, key=lambda one: wanted.index(one.name)))
     in_degrees = bool(simulator.spec.compiler.degree)
     read = by_values(simulator.model, in_degrees, matches, units, inputs, logs.sources, logs.timed)
     fixed = unmeasured_bodies(simulator.model, lacking)

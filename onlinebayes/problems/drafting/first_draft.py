@@ -1,7 +1,8 @@
 """A first problem file from a model and its logs.
 
 Every log has its clock (:mod:`.logs`); columns are matched by name, and by what is in them where names do not say
-(:mod:`.assignment`); parameters are chosen by what the logs tell apart (:mod:`.freeing`); the last runs are held out.
+(:mod:`.assignment`); parameters are chosen by what the logs tell apart (:mod:`.freeing`), and runs to be held out by
+how they move (:mod:`.holding_out`).
 What could not be matched stands in the file as a comment; with everything matched the file loads as it is.
 """
 
@@ -13,11 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from onlinebayes.identification import FEWEST_BLOCKS, completed
+from onlinebayes.identification import completed
 from onlinebayes.problems.drafting.assignment import LIKE_THE_MODEL, assign
 from onlinebayes.problems.drafting.clocks import Clock
 from onlinebayes.problems.drafting.draft_text import mapped, text_of
 from onlinebayes.problems.drafting.freeing import free_parameters
+from onlinebayes.problems.drafting.holding_out import held_out
 from onlinebayes.problems.drafting.log_columns import check_rows, run_names
 from onlinebayes.problems.drafting.logs import measurement_of, open_logs
 from onlinebayes.problems.drafting.matching import Match
@@ -71,7 +73,7 @@ def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], 
         "schema": 1,
         "model": _relative(model, target),
         "measurements": tables,
-        **_runs_and_columns(run_names(opened.sources), foreign),
+        **_runs_and_columns(held_out(run_names(opened.sources), measurement), foreign),
         "parameters": {name: [bounds.low, bounds.high] for name, bounds in parameters.items()},
         **(_time(tables, opened.clocks) if opened.timed else {}),
         **mapped(made.matches, signal_units(simulator)),
@@ -91,17 +93,11 @@ def _time(tables: Sequence[str], clocks: Sequence[Clock]) -> dict[str, dict[str,
     return {"time": first | others} if first or others else {}
 
 
-def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
+def _runs_and_columns(held: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
     """The runs held out, and columns that look like the model's and are not."""
-    held = {"holdout": list(runs[-_held_out(len(runs)) :])} if len(runs) > 1 else {}
+    holdout = {"holdout": list(held)} if held else {}
     ignored = [name for name in unused if name.startswith(LIKE_THE_MODEL)]
-    return held | ({"ignore": ignored} if ignored else {})
-
-
-def _held_out(runs: int) -> int:
-    """Return the number of last runs held out: a third, or fewer that leave enough to be blocks of their own."""
-    third = max(1, runs // 3)
-    return min(third, runs - FEWEST_BLOCKS) if runs > FEWEST_BLOCKS else third
+    return holdout | ({"ignore": ignored} if ignored else {})
 
 
 def _relative(path: Path, target: Path) -> str:

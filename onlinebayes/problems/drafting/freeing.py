@@ -1,18 +1,18 @@
 """The choice of the parameters that a first problem file frees, and of their bounds.
 
 In this order: damping of every joint, the moment of inertia about a vertical hinge, kp and kv of position servos, mass
-of every body that a joint carries, moments of inertia of free bodies, then what the model sets at all of frictionloss
-and armature, and the gears of motors where no mass is free: all masses, dampings and gears times one factor move alike,
-but for moments of inertia that nobody measured. A free joint has one damping for forces and torques alike, freed only
-where the model sets it.
+of every body that a joint carries, moments of inertia of free bodies, then what the model sets at all of frictionloss,
+armature and stiffness, and the gears of motors where no mass is free: all masses, dampings and gears times one factor
+move alike, but for moments of inertia that nobody measured. A free joint has one damping for forces and torques alike,
+freed only where the model sets it.
 With measurements a parameter is freed only where its sensitivity is no combination of those before it,
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 
 so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings, kp and masses
 are freed. Bounds: a third to three times the model's value, of kp from a tenth on; what a machine may have none of
-(damping, friction, armature) from zero. Where the model has no damping its bound is the largest force in play over the
-largest speed, or, without measurements, what would stop the joint in a tenth of a second.
+(damping, friction, armature, stiffness) from zero. Where the model has no damping its bound is the largest force in
+play over the largest speed, or, without measurements, what would stop the joint in a tenth of a second.
 """
 
 from __future__ import annotations
@@ -90,10 +90,11 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
         if body and model.body_jntnum[i] and _is_free(model, int(model.body_jntadr[i])):
             for axis, moment in enumerate(model.body_inertia[i]):
                 found |= _around(f"body.{body}.inertia[{axis}]", float(moment))
-    for field, values in (("frictionloss", model.dof_frictionloss), ("armature", model.dof_armature)):
-        for i, joint in enumerate(joints):
-            if (value := float(values[model.jnt_dofadr[i]])) > 0:
-                found[f"joint.{joint}.{field}"] = Parameter(0.0, FACTOR * value)
+    of_dofs = {"frictionloss": model.dof_frictionloss, "armature": model.dof_armature}
+    passive = {name: values[model.jnt_dofadr] for name, values in of_dofs.items()}
+    for field, values in (passive | {"stiffness": model.jnt_stiffness}).items():
+        for joint, value in zip(joints, values, strict=True):
+            found |= {f"joint.{joint}.{field}": Parameter(0.0, FACTOR * float(value))} if value > 0 else {}
     for i, motor in enumerate(motors):
         if f"ctrl.{motor}" not in servos:
             found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
