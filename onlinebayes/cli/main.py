@@ -17,10 +17,10 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
+from onlinebayes import __version__
 from onlinebayes.cli.files_given import model_and_logs
 
 EXAMPLES = """\
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
+    top.add_argument("--version", action="version", version=f"onlinebayes {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
         budget = "[--budget SECONDS] " if name in BUDGETED else ""

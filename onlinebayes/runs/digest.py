@@ -12,11 +12,11 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from enum import Enum
 from functools import cache, partial
-from importlib.metadata import version
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any, Protocol, runtime_checkable
 
+import mujoco
 import numpy as np
 import torch
 from tensordict import TensorDictBase
@@ -61,7 +61,8 @@ def source_digest(folders: Iterable[Path]) -> str:
 def _library() -> bytes:
     """Digest of this library's source, and of what it computes with."""
     found = hashlib.sha256(source_digest([Path(__file__).parents[1]]).encode())
-    found.update(" ".join(f"{name} {version(name)}" for name in ("torch", "numpy", "mujoco")).encode())
+    # Not their distributions' versions: MuJoCo's bindings may come from mujoco or from mujoco-core.
+    found.update(" ".join(f"{used.__name__} {used.__version__}" for used in (torch, np, mujoco)).encode())
     return found.digest()
 
 
