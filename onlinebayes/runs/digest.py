@@ -16,10 +16,11 @@ from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any, Protocol, runtime_checkable
 
-import mujoco
 import numpy as np
 import torch
 from tensordict import TensorDictBase
+
+from onlinebayes.runs.results import versions
 
 VOUCHED = ("onlinebayes", "builtins", "copyreg", "torch", "tensordict", "numpy", "mujoco", "collections", "functools")
 """Packages whose source or version is part of every digest, and those of Python itself."""
@@ -61,8 +62,7 @@ def source_digest(folders: Iterable[Path]) -> str:
 def _library() -> bytes:
     """Digest of this library's source, and of what it computes with."""
     found = hashlib.sha256(source_digest([Path(__file__).parents[1]]).encode())
-    # Not their distributions' versions: MuJoCo's bindings may come from mujoco or from mujoco-core.
-    found.update(" ".join(f"{used.__name__} {used.__version__}" for used in (torch, np, mujoco)).encode())
+    found.update(" ".join(f"{name} {number}" for name, number in versions().items()).encode())
     return found.digest()
 
 

@@ -20,7 +20,19 @@ from pathlib import Path
 from onlinebayes.runs.files import write_atomic
 from onlinebayes.runs.revision import commit
 
-PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
+PACKAGES = (
+    "onlinebayes",
+    "torch",
+    "tensordict",
+    "torchrl",
+    "mujoco",
+    "mujoco-core",  # the bindings, from MuJoCo 4 on
+    "gymnasium",
+    "numpy",
+    "scipy",
+    "pysindy",
+    "sbi",
+)
 
 
 @dataclass(frozen=True)
