@@ -10,6 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from onlinebayes.cli.outputs import writable
 from onlinebayes.runs import BadInput
 
 PLACES = ("onlinebayes.recipes", "recipes")
@@ -24,11 +25,12 @@ def demo(out: Path, seed: int, short: bool) -> int:
         short: tiny budgets.
 
     Raises:
-        BadInput: the recipes are not installed.
+        BadInput: the recipes are not installed, or the folder cannot be written.
     """
     place = next((place for place in PLACES if find_spec(place) is not None), None)
     if place is None:
         raise BadInput(
             "the recipes are not installed", "install onlinebayes from its wheel, or run make demo in a clone"
         )
-    return int(import_module(f"{place}.demo.__main__").play(out, seed, short))
+    with writable(out, ("demo.json", "demo.png")) as folder:
+        return int(import_module(f"{place}.demo.__main__").play(folder, seed, short))

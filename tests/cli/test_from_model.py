@@ -99,6 +99,9 @@ def test_the_demonstration_is_played_where_it_is_installed(monkeypatch, tmp_path
     monkeypatch.setattr(demonstration, "main", played.append)
     assert main(["demo", "--out", str(tmp_path / "d"), "--seed", "3", "--short"]) == 0
     assert played == [demonstration.Settings(tmp_path / "d", 3, short=True)]
+    (tmp_path / "file").write_text("")
+    assert main(["demo", "--out", str(tmp_path / "file")]) == 2
+    assert "is a file, not a folder; give --out a folder" in capsys.readouterr().err
     monkeypatch.setattr(demo, "PLACES", ("a_package_that_nobody_has",))
     assert main(["demo"]) == 2
     assert "the recipes are not installed" in capsys.readouterr().err
