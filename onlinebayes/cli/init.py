@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.problems.drafting import Match, cure, doubt, draft, weld_of
+from onlinebayes.problems.drafting import Draft, Match, cure, doubt, draft, weld_of
 from onlinebayes.runs import BadInput, Stages, one_line, write_atomic
 
 NUMBER = re.compile(r"\d+")
@@ -43,6 +43,12 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     with Stages() as say:
         drafted = draft(Path(model), [Path(log) for log in logs], target, say)
     write_atomic(target, drafted.text)
+    tell(drafted, target)
+    return 0
+
+
+def tell(drafted: Draft, target: Path) -> None:
+    """Print what was matched and what was not, and where the file is."""
     for alike in _alike(drafted.matches):
         _say("matched:", *_matched(alike))
     for line in drafted.untied:
@@ -58,7 +64,6 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     if drafted.unused:
         _say("unused:", ", ".join(drafted.unused))
     _say("wrote:", str(target))
-    return 0
 
 
 def _alike(matches: Sequence[Match]) -> list[list[Match]]:

@@ -1,5 +1,7 @@
 """``onlinebayes compare | diagnose | refine | posterior | next problem.toml --out DIR``; first ``init``, last ``show``.
 
+A model and its logs may stand in the place of the problem file (:mod:`.from_model`); ``demo`` needs neither.
+
 Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (one line where files with the best
 answer so far are written, a traceback where there is none), 130 stopped by Ctrl-C, or at work by SIGTERM. What is slow
 to import is imported only once the arguments are known to be right.
@@ -15,9 +17,11 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
+
+from onlinebayes import __version__
+from onlinebayes.cli.files_given import model_and_logs
 
 EXAMPLES = """\
 examples:
@@ -25,6 +29,8 @@ examples:
       write a first problem file: columns matched, bounds proposed
   onlinebayes compare carriage.toml --out out/compare
       fit what is free, replay the measurements, show where the model fails
+  onlinebayes refine carriage.xml carriage.csv
+      both at once: a first problem file is written to out/carriage-refine, and used
   onlinebayes diagnose carriage.toml --out out/diagnose
       the same, then rank the physical effects that the model may lack
   onlinebayes refine carriage.toml --out out/refine
@@ -41,6 +47,8 @@ examples:
       what was found, as worlds to train in: mujoco, playground, mjlab, isaaclab
   onlinebayes show out/refine
       open the report and the recording
+  onlinebayes demo
+      all of it on a machine of our own, in some minutes
 
 problem files are described in docs/problem-files.md"""
 
@@ -87,17 +95,24 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
+    top.add_argument("--version", action="version", version=f"onlinebayes {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
         budget = "[--budget SECONDS] " if name in BUDGETED else ""
-        usage = f"onlinebayes {name} [-h] --out DIR {budget}[--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
+        effects = "[--add EFFECT@TARGET [EFFECT@TARGET ...]]"
+        usage = f"onlinebayes {name} [-h] --out DIR {budget}{effects} problem | MODEL LOG [LOG ...]"
         command = commands.add_parser(name, help=what, description=what, usage=usage)
         command.add_argument(
-            "problem", nargs="?", help="the problem file (TOML); for posterior also a folder that refine wrote"
+            "problem",
+            nargs="*",
+            help="the problem file (TOML), or a model (.xml, .urdf) and its logs; "
+            "for posterior also a folder that refine wrote",
         )
         command.add_argument(
-            "--out", required=True, type=_path, metavar="DIR", help="where report and recording are written"
+            "--out",
+            type=_path,
+            metavar="DIR",
+            help="where report and recording are written; for a model and its logs out/MODEL-COMMAND by default",
         )
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
@@ -134,6 +149,14 @@ def parser() -> argparse.ArgumentParser:
     taken.add_argument("folder", metavar="FOLDER", help="the folder that refine wrote to")
     taken.add_argument("--to", required=True, choices=EXPORTS, help="where it goes")
     taken.add_argument("--out", required=True, type=_path, metavar="DIR", help="where the files are written")
+    shown = commands.add_parser(
+        "demo",
+        help="show the whole loop on a machine of our own",
+        description="measure, name the missing effect, infer, train: the whole loop on a machine of our own",
+    )
+    shown.add_argument("--out", type=_path, default="out/demo", metavar="DIR", help="where all goes; out/demo")
+    shown.add_argument("--seed", type=int, default=0, help="another machine, other noise, other networks")
+    shown.add_argument("--short", action="store_true", help="tiny budgets: shows that the pieces connect")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command or a training run wrote")
     show.add_argument("--html", action="store_true", help="open the page only")
@@ -171,15 +194,24 @@ def _is_text(word: str) -> bool:
 
 
 def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The arguments; a problem file that stands behind the effects of ``--add`` is none of them."""
+    """The arguments; files that stand behind the effects of ``--add`` are none of them."""
     top = parser()
     arguments = top.parse_args(argv)
-    if arguments.command in COMMANDS and arguments.problem is None:
-        files = [item for item in arguments.add if "@" not in item and item.endswith(".toml")]
-        if len(files) != 1:
-            top.error(f"{arguments.command}: the following arguments are required: problem")
-        arguments.problem = files[0]
-        arguments.add = [item for item in arguments.add if item != files[0]]
+    if arguments.command not in COMMANDS:
+        return arguments
+    if not arguments.problem:
+        arguments.problem = [item for item in arguments.add if "@" not in item and Path(item).suffix]
+        arguments.add = [item for item in arguments.add if item not in arguments.problem]
+    wanted = ["problem"] if not arguments.problem else []
+    try:
+        arguments.problem, arguments.logs = model_and_logs(arguments.problem) if not wanted else ("", [])
+    except ValueError as wrong:
+        top.error(f"{arguments.command}: {wrong}")
+    if arguments.out is None and not arguments.logs:
+        wanted.insert(0, "--out")
+    if wanted:
+        top.error(f"{arguments.command}: the following arguments are required: {', '.join(wanted)}")
+    arguments.out = arguments.out or f"out/{Path(arguments.problem).stem}-{arguments.command}"
     return arguments
 
 
@@ -240,6 +272,14 @@ def _run(arguments: argparse.Namespace) -> int:
         from onlinebayes.cli.export import take_home
 
         return take_home(arguments.folder, arguments.to, arguments.out)
+    if arguments.command == "demo":
+        from onlinebayes.cli.demo import demo
+
+        return demo(Path(arguments.out), arguments.seed, arguments.short)
+    if arguments.logs:
+        from onlinebayes.cli.from_model import drafted
+
+        arguments.problem = drafted(arguments.command, arguments.problem, arguments.logs, arguments.out)
     if arguments.command == "next":
         from onlinebayes.cli.next import propose_next
 

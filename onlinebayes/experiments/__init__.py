@@ -1,7 +1,7 @@
 """Experiments as commands: settings, hidden truths, a run in its folder, exit statuses; what a recipe is made of."""
 
 from onlinebayes.experiments.baselines import baselines
-from onlinebayes.experiments.command import STOPPED, settle, status
+from onlinebayes.experiments.command import STOPPED, ended, settle, status
 from onlinebayes.experiments.composition import Run
 from onlinebayes.experiments.options import Options
 from onlinebayes.experiments.places import closing_line, folder_of, place_of
@@ -17,6 +17,7 @@ __all__ = [
     "Settings",
     "baselines",
     "closing_line",
+    "ended",
     "folder_of",
     "hidden_truth",
     "main",

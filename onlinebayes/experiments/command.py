@@ -40,10 +40,15 @@ def status(play: Callable[[S], int | None], settings: type[S], description: str 
         settings: a dataclass, read from the command line.
         description: shown by ``--help``.
     """
+    return ended(lambda: play(tyro.cli(settings, description=description)))
+
+
+def ended(work: Callable[[], int | None]) -> int:
+    """Exit status of some work with settings that are known; None is success."""
     settle()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        return play(tyro.cli(settings, description=description)) or 0
+        return work() or 0
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2

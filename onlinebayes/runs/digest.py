@@ -12,7 +12,6 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from enum import Enum
 from functools import cache, partial
-from importlib.metadata import version
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any, Protocol, runtime_checkable
@@ -20,6 +19,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import torch
 from tensordict import TensorDictBase
+
+from onlinebayes.runs.results import versions
 
 VOUCHED = ("onlinebayes", "builtins", "copyreg", "torch", "tensordict", "numpy", "mujoco", "collections", "functools")
 """Packages whose source or version is part of every digest, and those of Python itself."""
@@ -61,7 +62,7 @@ def source_digest(folders: Iterable[Path]) -> str:
 def _library() -> bytes:
     """Digest of this library's source, and of what it computes with."""
     found = hashlib.sha256(source_digest([Path(__file__).parents[1]]).encode())
-    found.update(" ".join(f"{name} {version(name)}" for name in ("torch", "numpy", "mujoco")).encode())
+    found.update(" ".join(f"{name} {number}" for name, number in versions().items()).encode())
     return found.digest()
 
 

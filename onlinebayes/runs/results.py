@@ -21,7 +21,19 @@ from onlinebayes.runs.files import write_atomic
 from onlinebayes.runs.results_page import full_table, result_page
 from onlinebayes.runs.revision import commit
 
-PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
+PACKAGES = (
+    "onlinebayes",
+    "torch",
+    "tensordict",
+    "torchrl",
+    "mujoco",
+    "mujoco-core",  # the bindings, from MuJoCo 4 on
+    "gymnasium",
+    "numpy",
+    "scipy",
+    "pysindy",
+    "sbi",
+)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from onlinebayes.experiments import closing_line, status
+from onlinebayes.experiments import closing_line, ended, status
 from onlinebayes.runs import atomic_path
 from recipes.demo.picture import picture
 from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
@@ -20,17 +20,22 @@ class Settings:
     """folder for all files"""
     seed: int = 0
     """another rig, other noise, other networks"""
-    quick: bool = False
+    short: bool = False
     """tiny budgets: shows that the pieces connect"""
 
 
 def main(given: Settings) -> None:
     """Run the demonstration and print its table."""
-    outcome = run(given.seed, given.out, QUICK if given.quick else Budget())
+    outcome = run(given.seed, given.out, QUICK if given.short else Budget())
     with atomic_path(given.out / "demo.png") as path:
         picture(outcome).savefig(path, dpi=150)
     print("\n" + table(outcome))
     print("\n" + directions(given.out))
+
+
+def play(out: Path, seed: int, short: bool) -> int:
+    """Do what ``onlinebayes demo`` does; returns the exit status."""
+    return ended(lambda: main(Settings(out, seed, short)))
 
 
 def table(outcome: Outcome) -> str:

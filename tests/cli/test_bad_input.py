@@ -351,7 +351,7 @@ def test_an_out_folder_that_may_not_be_written(folder, capsys):
         ([], "the following arguments are required: COMMAND"),
         (["refine"], "required: --out"),
         (["refine", "--out", "o"], "required: problem"),
-        (["refine", "--out", "o", "--add", "a.toml", "b.toml"], "required: problem"),
+        (["refine", "--out", "o", "--add", "a.toml", "b.toml"], "give one problem file, or a model"),
         (["refine", "x.toml"], "required: --out"),
         (["refin", "x.toml", "--out", "o"], "invalid choice: 'refin'"),
         (["compare", "x.toml", "--out", "o", "--seed", "1"], "unrecognized arguments"),
