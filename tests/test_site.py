@@ -116,4 +116,3 @@ def test_docstrings_are_read_as_the_plain_text_that_they_are(docstrings) -> None
 def test_the_citation_is_of_this_version() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {onlinebayes.__version__}\n" in citation
-    assert f'version = "{onlinebayes.__version__}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
