@@ -148,7 +148,7 @@ def _at_bound(mean: float, bounds: Parameter) -> Literal["low", "high"] | None:
 
 def _words(names: list[str]) -> str:
     if len(names) == 1:
-        return f"{names[0]} moves nothing that was measured"
+        return f"{names[0]} is not known: within its bounds it moves what was measured too little"
     return f"only a combination of {', '.join(names)} is known, not each alone"
 
 
