@@ -164,6 +164,12 @@ def test_sampling_is_repeatable_by_its_generator() -> None:
     assert torch.equal(one, other)
 
 
+def test_a_belief_about_nothing_has_empty_draws() -> None:
+    """Of a model in which no parameter is free."""
+    nothing = TruncatedMixture(torch.zeros(1), torch.zeros(1, 0), torch.zeros(1, 0, 0), Box.whole(ParameterSpace({})))
+    assert nothing.sample((2,)).shape == (2, 0)
+
+
 def test_a_box_checks_its_sides_and_gives_its_cross() -> None:
     with pytest.raises(ValueError, match="needs 0 <= low < high <= 1"):
         Box(ONE, torch.tensor([0.5]).double(), torch.tensor([0.5]).double())

@@ -136,7 +136,9 @@ class TruncatedMixture:
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Float[Tensor, "*out"]:
         """Theta (*shape, *batch, P), float64, inside the box always."""
         theta = self.sample_frame((torch.Size(shape).numel(),), generator).double()
-        for piece in theta.split(self._at_once):  # in place: fresh memory takes longer than the numbers
+        for piece in (
+            theta.split(self._at_once) if theta.numel() else ()
+        ):  # in place: fresh memory takes longer than the numbers
             piece.copy_(self.box.from_frame(piece))
         return theta.reshape(*shape, *theta.shape[1:])
 
@@ -147,6 +149,8 @@ class TruncatedMixture:
         """z (*shape, *batch, P) in [0, 1]^P."""
         count = torch.Size(shape).numel()
         K, P = self.mean.shape[-2:]
+        if not P:  # of a model in which nothing is free
+            return self.mean.new_zeros(*shape, *self.batch_shape, 0)
         if not self.batch_shape:
             return self._sample(count, generator).reshape(*shape, P)
         log_weights = self.log_weights + self.log_masses

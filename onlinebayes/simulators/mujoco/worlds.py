@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, no_type_check
 
 import mujoco
 import mujoco.batch
@@ -63,6 +63,7 @@ class Worlds:
         self._qacc = self.batch.bind("qacc") if self.stage is not None and self.stage.halves else None
         self._process = os.getpid()
 
+    @no_type_check  # which a process at its end no longer can
     def __del__(self) -> None:
         if getattr(self, "_process", None) not in (None, os.getpid()):
             _PARENTS.append(self.batch)
