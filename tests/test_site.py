@@ -116,3 +116,10 @@ def test_docstrings_are_read_as_the_plain_text_that_they_are(docstrings) -> None
 def test_the_citation_is_of_this_version() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {onlinebayes.__version__}\n" in citation
+
+
+def test_every_page_stands_in_the_side_bar() -> None:
+    """A forgotten one ends the site's build, an hour later."""
+    said = (DOCS / "site" / "conf.py").read_text(encoding="utf-8")
+    alone = [f"/docs/{page.stem}" for page in DOCS.glob("*.md") if page.stem != "README"]
+    assert [page for page in alone if f'"{page}"' not in said] == []
