@@ -3,9 +3,8 @@
     answers = side_by_side([partial(fit, model) for model in models])        as [fit(model) for model in models]
 
 Every process is a copy of this one (``fork``): nothing is sent there, and the answers come back through pipes. A copy
-says nothing and writes nothing; it ends with this process's work, not with its own. Where a copy dies, its answer
-cannot be sent, or it stands still, this process does that piece itself: a lock that a thread of this process held when
-the copy was made is held there for ever. Other systems than Linux, processes that hold a GPU and threads
+says nothing and writes nothing; it ends with this process's work, not with its own. Where a copy dies, or its answer
+cannot be sent, this process does that piece itself. Other systems than Linux, processes that hold a GPU and threads
 beside the main one do all of it one by one.
 
 Time is processor time: that of copies that have ended is counted (:func:`processor_time`), so that a budget means the
@@ -21,12 +20,10 @@ import select
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, Pipe
-from pathlib import Path
 from typing import NoReturn, TypeVar
 
 import torch
@@ -40,9 +37,6 @@ CORES = "ONLINEBAYES_CORES"
 
 POLL_S = 0.2
 """Seconds between two looks at whether the work is to end."""
-
-STILL_S = 10.0
-"""Seconds without any computing after which a copy is given up."""
 
 
 @dataclass
@@ -133,12 +127,10 @@ class _Worker:
 
     def answers(self, work: Sequence[Callable[[], T]]) -> dict[int, T]:
         """Return the results of its pieces; they are done here where it has none."""
-        pulse = _Pulse(self.pid)
-        while pulse.beats and not select.select([self.pipe], [], [], POLL_S)[0]:
+        while self.pid and not select.select([self.pipe], [], [], POLL_S)[0]:
             heed()
-            pulse.feel()
         try:
-            sent = self.pipe.recv_bytes() if pulse.beats else b""
+            sent = self.pipe.recv_bytes() if self.pid else b""
         except (EOFError, OSError):
             sent = b""
         if not sent:
@@ -156,32 +148,6 @@ class _Worker:
             os.kill(self.pid, signal.SIGKILL)
             os.waitpid(self.pid, 0)
             self.pid = 0
-
-
-@dataclass
-class _Pulse:
-    """Whether a process still computes; one of number 0 does not."""
-
-    pid: int
-    spent: int = -1
-    since: float = field(default_factory=time.monotonic)
-
-    @property
-    def beats(self) -> bool:
-        """False once nothing was computed for so long."""
-        return self.pid > 0 and time.monotonic() - self.since < STILL_S
-
-    def feel(self) -> None:
-        """Look at its processor time, and whether one of its threads waits for a core or a disk."""
-        try:
-            stats = [
-                task.read_text().rpartition(")")[2].split() for task in Path(f"/proc/{self.pid}/task").glob("*/stat")
-            ]
-        except OSError:  # a thread that has just ended
-            stats = []
-        spent = sum(int(ticks) for stat in stats for ticks in stat[11:13])
-        if spent != self.spent or any(stat[0] in "RD" for stat in stats):
-            self.spent, self.since = spent, time.monotonic()
 
 
 def _serve(pipe: Connection, work: Sequence[Callable[[], T]], pieces: Sequence[int]) -> NoReturn:

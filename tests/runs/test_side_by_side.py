@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import sys
@@ -132,29 +131,3 @@ def test_processor_time_counts_copies_and_a_budget_holds_in_them() -> None:
 def test_a_copy_writes_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     side_by_side([partial(print, "said once", flush=True)] * 3)
     assert capfd.readouterr().out.count("said once") == 1
-
-
-def _waits_for_ever_in_a_copy(parent: int, k: int) -> tuple[int, int]:
-    if os.getpid() != parent:
-        threading.Event().wait()
-    return _mine(k)
-
-
-def test_a_copy_that_waits_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("onlinebayes.runs.side_by_side"), "STILL_S", 1.0)
-    began = time.monotonic()
-    found = side_by_side([partial(_waits_for_ever_in_a_copy, os.getpid(), k) for k in range(3)])
-    assert found == [(k, os.getpid()) for k in range(3)]
-    assert time.monotonic() - began < 20
-
-
-def _computes(k: int) -> tuple[int, int]:
-    end = time.process_time() + (1.0 if k else 0.0)
-    while time.process_time() < end:
-        pass
-    return _mine(k)
-
-
-def test_a_copy_that_computes_for_long_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("onlinebayes.runs.side_by_side"), "STILL_S", 0.5)
-    assert len({pid for _, pid in side_by_side([partial(_computes, k) for k in range(3)])}) == 3
