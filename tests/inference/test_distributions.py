@@ -164,10 +164,11 @@ def test_sampling_is_repeatable_by_its_generator() -> None:
     assert torch.equal(one, other)
 
 
-def test_a_belief_about_nothing_has_empty_draws() -> None:
+def test_a_belief_about_nothing_has_empty_draws_and_is_certain() -> None:
     """Of a model in which no parameter is free."""
     nothing = TruncatedMixture(torch.zeros(1), torch.zeros(1, 0), torch.zeros(1, 0, 0), Box.whole(ParameterSpace({})))
     assert nothing.sample((2,)).shape == (2, 0)
+    assert nothing.log_prob(torch.zeros(2, 0)).tolist() == [0.0, 0.0]
 
 
 def test_a_box_checks_its_sides_and_gives_its_cross() -> None:

@@ -75,6 +75,8 @@ class TruncatedMixture:
 
         -inf outside the box; finite inside, however far out in the tails. The answer lies where theta lies.
         """
+        if not len(self.space):
+            return theta.new_zeros(theta.shape[:-1])
         own = len(self.batch_shape)
         shape = theta.shape[: max(theta.ndim - 1 - own, 0)]
         rows = theta.reshape(-1, *theta.shape[len(shape) :])
@@ -135,10 +137,10 @@ class TruncatedMixture:
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Float[Tensor, "*out"]:
         """Theta (*shape, *batch, P), float64, inside the box always."""
+        if not len(self.space):  # nothing is free: there is nothing to draw
+            return self.mean.new_zeros(*shape, *self.batch_shape, 0, dtype=torch.float64)
         theta = self.sample_frame((torch.Size(shape).numel(),), generator).double()
-        for piece in (
-            theta.split(self._at_once) if theta.numel() else ()
-        ):  # in place: fresh memory takes longer than the numbers
+        for piece in theta.split(self._at_once):  # in place: fresh memory takes longer than the numbers
             piece.copy_(self.box.from_frame(piece))
         return theta.reshape(*shape, *theta.shape[1:])
 
@@ -149,8 +151,6 @@ class TruncatedMixture:
         """z (*shape, *batch, P) in [0, 1]^P."""
         count = torch.Size(shape).numel()
         K, P = self.mean.shape[-2:]
-        if not P:  # of a model in which nothing is free
-            return self.mean.new_zeros(*shape, *self.batch_shape, 0)
         if not self.batch_shape:
             return self._sample(count, generator).reshape(*shape, P)
         log_weights = self.log_weights + self.log_masses
