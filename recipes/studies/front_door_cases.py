@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -150,7 +149,11 @@ def answer(case: Case, cases: Path, out: Path) -> Answer:
     target = out / (f"{case.folder}.toml" if verb == "init" else f"{case.folder}-{verb}")
     printed = io.StringIO()
     before = processor_time()
-    with _within(cases / case.folder), contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+    with (
+        contextlib.chdir(cases / case.folder),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(printed),
+    ):
         status = command([verb, *files, "--out", str(target), *(["--force"] if verb == "init" else [])])
     seconds = processor_time() - before
     text = printed.getvalue()
@@ -158,14 +161,3 @@ def answer(case: Case, cases: Path, out: Path) -> Answer:
         text += target.read_text(encoding="utf-8")
     lacking = [part for part in case.wanted if not any(way in text for way in part.split("|"))]
     return Answer(lacking, seconds, status)
-
-
-@contextlib.contextmanager
-def _within(folder: Path) -> Iterator[None]:
-    """Work in a folder, as the case's owner did."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
