@@ -81,8 +81,11 @@ def _missing(result: Criticism) -> Iterator[str]:
     ordered = [*known, *(key for key in result.accepted if key not in known)]
     yield from (_addition(rows.get(key), key, known.get(key)) for key in ordered[:NAMED])
     if left := ordered[NAMED:]:
-        together = quantities.percent(sum(known.get(key, 0.0) for key in left))
-        yield f"and {len(left)} smaller imperfections: explain {together}"
+        if any(key not in known for key in left):
+            yield f"and {phrases.more(len(left), 'effect')}"
+        else:
+            together = quantities.percent(sum(known[key] for key in left))
+            yield f"and {len(left)} smaller imperfections: explain {together}"
 
 
 def _addition(row: Candidate | None, key: str, share: float | None) -> str:

@@ -87,9 +87,14 @@ def headline(result: Criticism) -> str:
 
 
 def _misses(result: Criticism) -> str:
-    """How surely: ``misses``, ``probably misses`` or ``may miss``, by the least probable of what was accepted."""
-    known = [c.probability for c in result.candidates if c.accepted and c.probability is not None]
-    least = min(known, default=1.0)
+    """How surely: ``misses``, ``probably misses`` or ``may miss``, by the least probable of what was accepted.
+
+    What stood in the model where the search was stopped, and was not judged by itself, may be missing.
+    """
+    accepted = [c for c in result.candidates if c.accepted]
+    if any(c.score_gain is None for c in accepted):
+        return "may miss"
+    least = min((c.probability for c in accepted if c.probability is not None), default=1.0)
     return "misses" if least >= SURE else "probably misses" if least >= PROBABLE else "may miss"
 
 

@@ -11,6 +11,8 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, compare, refine
+from onlinebayes.criticism.hypotheses.explanation import explanation_of, run_search, start_search
+from onlinebayes.criticism.hypotheses.ranking import ranked
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.report import write_report
@@ -148,6 +150,20 @@ def test_what_a_round_found_is_kept_before_the_round_has_ended() -> None:
     assert found.interrupted
     assert found.accepted == ("constant_load@rail",)
     assert [step.added for step in found.steps] == ["constant_load@rail"]
+
+
+def test_what_was_not_judged_by_itself_may_be_missing() -> None:
+    """Its search was stopped while a law at several places stood: it is listed, and not called certain."""
+    data = measure({LOAD: (0.5,)}, runs=10)
+    search = run_search(start_search(model(), data), data, FEW, most=1)
+    whole = explanation_of(search)
+    (row,) = (one for one in ranked(whole, {}, {}) if one.accepted)
+    stopped = replace(whole, rounds=tuple(replace(one, added=None) for one in whole.rounds))
+    (alone,) = (one for one in ranked(stopped, {}, {}) if one.accepted)
+    assert row.effect == alone.effect == "constant_load@rail"
+    assert row.score_gain is not None
+    assert alone.score_gain is None
+    assert len(ranked(stopped, {}, {})) == len(ranked(whole, {}, {}))
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from onlinebayes.criticism.results import MOVES_NOTHING, HeldOutError, Remainder
 from onlinebayes.identification.results import Estimate, FlatDirection
 from onlinebayes.report import candidate_words, phrases, words
 from onlinebayes.report.html import to_html
+from onlinebayes.report.screen_lines import first_screen
 from onlinebayes.report.sections.summary import sizes
 from tests.report.synthetic import SIGNAL, changed, criticism
 
@@ -73,6 +74,16 @@ def bare(result: Criticism, **changes: object) -> Criticism:
 def test_what_leaves_noise_alone_is_named_without_a_reservation() -> None:
     result = dataclasses.replace(criticism(), remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
     assert "The model misses dry friction and constant load at carriage." in check(to_html(result, title="drive.toml"))
+
+
+def test_what_was_not_judged_by_itself_is_not_said_for_certain() -> None:
+    """The search was stopped first; shares of the error are not known either."""
+    result = criticism()
+    rows = tuple(dataclasses.replace(c, score_gain=None) if c.accepted else c for c in result.candidates)
+    stopped = dataclasses.replace(result, candidates=rows, steps=())
+    assert words.headline(stopped).startswith("The model may miss dry friction")
+    many = dataclasses.replace(stopped, accepted=tuple(f"dry_friction@j{k}" for k in range(5)))
+    assert "and 2 more effects" in [text for _, text in first_screen(many)]
 
 
 def test_a_bound_is_all_that_is_wrong_only_where_noise_is_left() -> None:

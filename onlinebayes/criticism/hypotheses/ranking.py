@@ -26,7 +26,7 @@ def ranked(explanation: Explanation, fitted: Mapping[str, Estimate], gone: Mappi
     """
     kept = laws(explanation.found.hypothesis)
     added = {found.added.addition.key: found for found in explanation.rounds if found.added is not None}
-    rows = [_added(added[key], fitted) for key in kept if key in added]
+    rows = [_added(added[key], fitted) if key in added else _unjudged(key, explanation, fitted) for key in kept]
     own = {p.addition.key for one in explanation.rounds for p in one.screened if isinstance(p.addition, OwnValues)}
     known = {row.effect for row in rows}
     if not explanation.rounds:
@@ -105,20 +105,30 @@ def same_as(key: str) -> str:
 def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:
     trial = found.added
     assert trial is not None
-    key = trial.addition.key
-    own = trial.addition.effect.key if isinstance(trial.addition, AddedEffect) else key
-    values = {
+    return replace(
+        _refitted(trial),
+        accepted=True,
+        parameters=_values(trial.addition, fitted),
+        indistinguishable_from=equals(found),
+        nested_in=tuple(other.key for other in found.equals if contains(other, trial.addition)),
+    )
+
+
+def _unjudged(key: str, explanation: Explanation, fitted: Mapping[str, Estimate]) -> Candidate:
+    """What stood in the model where the search was stopped, before it was asked what each addition gains."""
+    addition = next(one for one in explanation.found.hypothesis.additions if one.key == key)
+    folds = len(explanation.found.left_out[0].folds)
+    return Candidate(key, 1, None, None, None, folds, accepted=True, parameters=_values(addition, fitted))
+
+
+def _values(addition: Addition, fitted: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Short name -> estimate of an addition's parameters."""
+    own = addition.effect.key if isinstance(addition, AddedEffect) else addition.key
+    return {
         name.removeprefix(f"{own}."): value
         for name, value in fitted.items()
         if name == own or name.startswith(f"{own}.")
     }
-    return replace(
-        _refitted(trial),
-        accepted=True,
-        parameters=values,
-        indistinguishable_from=equals(found),
-        nested_in=tuple(other.key for other in found.equals if contains(other, trial.addition)),
-    )
 
 
 def _tried(explanation: Explanation, known: set[str]) -> Iterator[Candidate]:

@@ -138,7 +138,8 @@ class Search:
         if not found:
             return []
         stood = self.current, self.pending
-        self.current, self.pending = simplest_of_equals(found, here), ()  # where the search is stopped now, it stands
+        # Where the search is stopped now, it stands, and what was tried is told.
+        self.current, self.pending = simplest_of_equals(found, here), (replace(alone, added=None),)
         best = self.pruned(self.current, entered=0)
         new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
         if new > 1 and refused(best, here, self.base) is None:
