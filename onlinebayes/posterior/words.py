@@ -11,6 +11,9 @@ from onlinebayes.posterior.results import LogPosterior, ParameterBelief, Reprodu
 RINGS = 0.05
 """P below which the alarm rings."""
 
+CERTAIN = 0.01
+"""P below which it says that the model cannot have made the measurement; above, it may be chance."""
+
 
 def lines(found: LogPosterior) -> list[tuple[str, str]]:
     """(label, sentence), in the order in which they are to be read: every parameter, the least known first."""
@@ -58,11 +61,17 @@ def reproduction(signal: str, value: Reproduction) -> str:
 
 
 def alarm(found: LogPosterior) -> str:
-    """Warn that no world of the model can be what was measured; nothing where one can."""
+    """Warn that hardly a world of the model can be what was measured; nothing where one can."""
     if found.surprise >= RINGS:
         return ""
     p = quantities.significant(found.surprise, 1)
     where = f", {found.strange} most" if len(found.reproduction) > 1 else ""
+    if found.surprise >= CERTAIN:
+        often = round(1 / found.surprise)
+        return (
+            f"the measurement is unusual for the model (p {p}{where}): of a right model one log in {often} is; "
+            "onlinebayes refine asks what may be missing"
+        )
     return (
         f"the measurement is unlike anything that the model can do (p {p}{where}): onlinebayes refine asks what is "
         "missing in it"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torchrl.envs import TransformedEnv
@@ -72,6 +74,8 @@ def test_a_measurement_unlike_the_model_rings() -> None:
     found = posterior_of_log(model(), log(truth, 1, free=wide, noise=0.001))
     assert found.surprise < 0.01
     assert any("unlike anything that the model can do" in text for _, text in lines(found))
+    chance = [text for label, text in lines(replace(found, surprise=0.04)) if label == "alarm"]
+    assert ["is unusual for the model (p 0.04" in text and "one log in 25" in text for text in chance] == [True]
 
 
 def test_only_ratios_are_known_where_mass_motor_and_friction_grow_together() -> None:
