@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +31,6 @@ def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()
     Raises:
         BadInput: the problem cannot be used, or the folder not be written.
     """
-    os.environ.setdefault("RUST_LOG", "off")  # Rerun's own lines about a full disk would stand beside ours
     notes: list[str] = []  # said once the file is sound: an error is one line
     problem = load_problem(problem_file, add, note=notes.append)
     for line in notes:

@@ -23,8 +23,11 @@ as one. Nothing here knows a trainer; a belief is anything with ``space`` and ``
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -50,6 +53,8 @@ DRAWS = 2000
 LEVELS = (0.05, 0.95)
 BINS = 40
 MOST_BYTES = 40_000_000
+LEAST_ROOM = 2**20
+"""Free bytes of a disk below which nothing more is written."""
 MOST_POSES = 500
 PLAYED = 60.0  # seconds in which the viewer plays a run
 
@@ -222,15 +227,26 @@ class RunRecorder:
         """Write what is pending: whoever opens the file now sees everything so far."""
         if self._opened is not None:
             self._arrange()
+            self._check_room()
             self._opened.flush()
 
     def close(self) -> None:
         """Write what is pending and close the file."""
         if self._opened is not None:
             self._arrange()
+            self._check_room()
             self._opened.flush()
             self._opened.disconnect()
             self._opened = None
+
+    def _check_room(self) -> None:
+        """Refuse to go on where the disk is full: Rerun's writer may wait for ever there."""
+        if shutil.disk_usage(self.path.parent).free < LEAST_ROOM:
+            raise BadInput(
+                f"cannot be written: {os.strerror(errno.ENOSPC)}",
+                "make room and give the same command again: the run goes on",
+                where=str(self.path),
+            )
 
     @property
     def _stream(self) -> RecordingStream:

@@ -16,9 +16,6 @@ figures, the recording is for looking.
 
 from __future__ import annotations
 
-import errno
-import os
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,8 +39,6 @@ RATE = 200.0
 SCENE_RATE = 50.0
 """Largest number of poses a second of the geometry [1/s]."""
 MOST_ROWS = 40_000
-LEAST_ROOM = 2**17
-"""Free bytes of a disk on which a recording that could not be written had no room."""
 
 
 def write_recording(result: Criticism, path: str | Path) -> None:
@@ -52,7 +47,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
 
     with atomic_path(path) as temporary:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
-        stream.save(temporary)
+        held = stream.memory_recording()  # Rerun's own writer waits for ever where the disk is full
         runs = layout.shown_runs(result)
         simulator = unwrap(result.final.simulator)
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
@@ -65,13 +60,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
             _send_forces(stream, after, forces)
             if model is not None and before.run in runs:
                 _send_scene(stream, result, model, before, after, forces)
-        try:
-            stream.flush()
-        except RuntimeError:  # Rerun's writer ends without saying why
-            if shutil.disk_usage(temporary.parent).free < LEAST_ROOM:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
-            raise
-        stream.disconnect()
+        temporary.write_bytes(held.drain_as_bytes())
 
 
 def rows(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:

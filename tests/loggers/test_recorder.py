@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -199,3 +200,14 @@ def test_the_page_stands_alone_and_escapes_what_it_is_told(tmp_path: Path) -> No
     assert "data:image/gif;base64," in text
     assert 'src="http' not in text
     assert "href" not in text.replace("xlink:href", "")
+
+
+def test_a_full_disk_ends_the_run_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = RunRecorder(tmp_path, "pendulum", SPACE, seconds=4.0)
+    recorder.step(1, {"figures/return": 1.0})
+    recorder.flush()
+    full = shutil.disk_usage(tmp_path)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
+    recorder.step(2, {"figures/return": 2.0})
+    with pytest.raises(BadInput, match=r"run.rrd: cannot be written: No space left on device; make room"):
+        recorder.flush()
