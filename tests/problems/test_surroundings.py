@@ -65,6 +65,15 @@ def test_commands_of_a_model_without_a_motor_are_not_ignored(tmp_path: Path, mod
         load_problem(tmp_path / "p.toml")
 
 
+@pytest.mark.parametrize(
+    ("command", "actuator"),
+    [("cmd_vel", "velocity kv"), ("target_position", "position kp"), ("goal", "position kp"), ("torque_cmd", "motor")],
+)
+def test_the_actuator_to_add_takes_what_the_log_commands(tmp_path: Path, command: str, actuator: str) -> None:
+    (asked,) = drafted(tmp_path, CART.format(""), "qpos.cart", command).questions
+    assert f"<actuator><{actuator}" in asked
+
+
 def test_a_machine_without_commands_needs_no_motor(tmp_path: Path) -> None:
     assert drafted(tmp_path, CART.format(""), "qpos.cart", "temperature").questions == ()
 
@@ -73,6 +82,15 @@ def test_a_servo_has_its_kp_freed_and_no_gear(tmp_path: Path) -> None:
     freed = tomllib.loads(drafted(tmp_path, SERVO, "qpos.servo", "ctrl.servo").text)["parameters"]
     assert freed["actuator.servo.kp"] == [2.0, 60.0]
     assert not any("gear" in name for name in freed)
+
+
+def test_a_velocity_servo_has_its_kv_freed_and_no_gear(tmp_path: Path) -> None:
+    model = SERVO.replace(
+        '<position name="servo" joint="servo" kp="20" kv="0.3"/>', '<velocity name="servo" joint="servo" kv="2"/>'
+    )
+    freed = tomllib.loads(drafted(tmp_path, model, "qpos.servo", "cmd_vel_servo").text)["parameters"]
+    assert freed["actuator.servo.kv"] == [0.2, 6.0]
+    assert not any("gear" in name or "kp" in name for name in freed)
 
 
 def test_what_a_machine_may_have_none_of_is_bounded_from_zero(tmp_path: Path) -> None:

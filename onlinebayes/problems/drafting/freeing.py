@@ -1,6 +1,6 @@
 """The choice of the parameters that a first problem file frees, and of their bounds.
 
-In this order: damping of every joint, the moment of inertia about a vertical hinge, kp and kv of position servos, mass
+In this order: damping of every joint, the moment of inertia about a vertical hinge, kp and kv of servos, mass
 of every body that a joint carries, moments of inertia of free bodies, then what the model sets at all of frictionloss,
 armature and stiffness, and the gears of motors where no mass is free: all masses, dampings and gears times one factor
 move alike, but for moments of inertia that nobody measured. A free joint has one damping for forces and torques alike,
@@ -9,10 +9,11 @@ With measurements a parameter is freed only where its sensitivity is no combinat
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 
-so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings, kp and masses
-are freed. Bounds: a third to three times the model's value, of kp from a tenth on; what a machine may have none of
-(damping, friction, armature, stiffness) from zero. Where the model has no damping its bound is the largest force in
-play over the largest speed, or, without measurements, what would stop the joint in a tenth of a second.
+so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings, gains of
+servos and masses are freed. Bounds: a third to three times the model's value, of a servo's gain from a tenth on; what
+a machine may have none of (damping, friction, armature, stiffness) from zero. Where the model has no damping its bound
+is the largest force in play over the largest speed, or, without measurements, what would stop the joint in a tenth of
+a second.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from onlinebayes.simulators.mujoco.addresses import names, resolve
 
 FACTOR = 3.0
 SERVO = 10.0
-"""A servo's kp may be so many times smaller: few makers give one, and firmware has units of its own."""
+"""A servo's gain may be so many times smaller: few makers give one, and firmware has units of its own."""
 STOP = 10.0  # [1/s]
 OWN = 0.01
 MOST_WINDOWS, FEWEST_WINDOWS = 12, 3
@@ -61,7 +62,7 @@ def free_parameters(model: MujocoSimulator, measurement: Measurement | None = No
         except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
             pass
     proposed = _proposed(model.model, {})
-    return proposed.subspace([name for name in proposed if name.endswith((".damping", ".kp", ".mass"))])
+    return proposed.subspace([name for name in proposed if name.endswith((".damping", ".kp", ".kv", ".mass"))])
 
 
 def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
@@ -77,12 +78,10 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
     for i, body in enumerate(bodies):
         if body and (axis := _vertical(model, i)) is not None:
             found |= _around(f"body.{body}.inertia[{axis}]", float(model.body_inertia[i, axis]))
-    servos = {name for name, given in actuator_inputs(model).items() if given.told == "qpos"}
+    servos = {name for name, given in actuator_inputs(model).items() if given.told in ("qpos", "qvel")}
     for i, motor in enumerate(motors):
         if f"ctrl.{motor}" in servos:
-            kp, kv = float(model.actuator_gainprm[i, 0]), -float(model.actuator_biasprm[i, 2])
-            found[f"actuator.{motor}.kp"] = Parameter(kp / SERVO, FACTOR * kp)
-            found |= {f"actuator.{motor}.kv": Parameter(0.0, FACTOR * kv)} if kv > 0 else {}
+            found |= _gains(model, i)
     for i, body in enumerate(bodies):
         if body and model.body_jntnum[i] and model.body_mass[i] > 0:
             found |= _around(f"body.{body}.mass", float(model.body_mass[i]))
@@ -100,6 +99,17 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
             found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
     units = {name: resolve(model, name).unit for name in found}
     return ParameterSpace({name: Parameter(_round(p.low), _round(p.high), units[name]) for name, p in found.items()})
+
+
+def _gains(model: mujoco.MjModel, actuator: int) -> dict[str, Parameter]:
+    """Kp, and kv where there is one, of a position servo; kv of a velocity servo."""
+    name, gain = model.actuator(actuator).name, float(model.actuator_gainprm[actuator, 0])
+    main = Parameter(gain / SERVO, FACTOR * gain)
+    if model.actuator_biasprm[actuator, 1] == 0:
+        return {f"actuator.{name}.kv": main}
+    kv = -float(model.actuator_biasprm[actuator, 2])
+    beside = {f"actuator.{name}.kv": Parameter(0.0, FACTOR * kv)} if kv > 0 else {}
+    return {f"actuator.{name}.kp": main, **beside}
 
 
 def _is_free(model: mujoco.MjModel, joint: int) -> bool:

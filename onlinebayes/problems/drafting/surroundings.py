@@ -55,14 +55,23 @@ def no_actuator(simulator: MujocoSimulator, model: Path, unused: Sequence[str]) 
     if simulator.model.nu or not told:
         return ""
     joints = [joint for joint, kind in simulator.joint_kinds.items() if kind in ("hinge", "slide")]
-    motor = told[0].removeprefix("ctrl.") if told[0].startswith("ctrl.") else "motor"
-    tag = f'<motor name="{motor}" joint="{joints[0] if len(joints) == 1 else "..."}"/>'
+    kind = _kind_told(told[0])
+    name = told[0].removeprefix("ctrl.") if told[0].startswith("ctrl.") else kind.partition(" ")[0]
+    tag = f'<{kind} name="{name}" joint="{joints[0] if len(joints) == 1 else "..."}"/>'
     urdf = " (a URDF has none: save it as MJCF first)" if "<robot" in model.read_text(errors="replace")[:HEAD] else ""
     more = f" and {len(told) - 1} more" if len(told) > 1 else ""
     return (
         f"the model has no actuator, the log has the command {told[0]}{more}: "
         f"add <actuator>{tag}</actuator> to the model{urdf}"
     )
+
+
+def _kind_told(command: str) -> str:
+    """The MJCF element of an actuator that takes such a command: a servo where it says a position or a speed."""
+    said = said_by(words(command))
+    if said.speed:
+        return 'velocity kv="..."'
+    return 'position kp="..."' if said.position or said.goal else "motor"
 
 
 def _is_command(name: str) -> bool:
