@@ -46,6 +46,8 @@ napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = f"onlinebayes {release}"
+html_static_path = ["static"]
+html_css_files = ["wide.css"]
 html_copy_source = False
 html_show_copyright = False
 highlight_language = "none"
