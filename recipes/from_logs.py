@@ -1,4 +1,4 @@
-"""From a machine's log to a policy: find the missing effect, infer its size, train in worlds of what was learnt, save.
+"""From a machine's log to a policy: find the missing effect and its size, train in worlds of what was learnt, save.
 
     python -m recipes.from_logs [--seed S] [--short]      a few minutes
 
@@ -24,7 +24,6 @@ from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Journal, Policy, PolicyFiles
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
-from recipes.demo.posterior import Rounds, infer
 
 
 def main(settings: Options) -> int:
@@ -32,7 +31,6 @@ def main(settings: Options) -> int:
     seed_everything(settings.seed)
     place, small, seed = place_of("from_logs", settings), settings.short, settings.seed
     protocol = Protocol(fit=7, held=2, seconds=2.0) if small else Protocol(fit=8, held=2, seconds=4.0)
-    rounds = Rounds(rounds=1, simulations=150, epochs=8, seconds=1.0) if small else Rounds()
     training = Training(worlds=64, batches=10) if small else Training()
 
     # A log, and the problem file that names it: the only part that knows the hidden machine, but for the judge.
@@ -55,26 +53,19 @@ def main(settings: Options) -> int:
     train(wrong, alone, training, seed, lambda frames, losses: None)
     beside = {"the model as it was": judge(alone.policy)["return"]}
 
-    # What does the log leave open? The posterior of all parameters, the effect's included.
-    began = clock()
-    fit_runs = [run for run in refined.problem.measurement.runs if run not in (refined.problem.holdout or ())]
-    posterior = infer(simulator, refined.problem.measurement.select(fit_runs), rounds, seed, print)
-    inferring = clock() - began
-
-    # A policy for all machines that the log allows.
-    mended, objective = learner(simulator, posterior, training, seed)
+    # A policy for all machines that the log allows: refined.belief, the effect's parameters included.
+    mended, objective = learner(simulator, refined.belief, training, seed)
     shown, policy = player(mended, objective.policy, truth), objective.policy
     files = PolicyFiles(place, "from_logs", objective, mended)
     parts = (place, "from_logs", BoxUniform(space), shown, known(space, truth), beside)
     with Journal(*parts, watchers=(files,)) as journal:
-        journal.step("refine", seconds=refining, figures=judge(policy))
-        journal.step("belief", seconds=inferring, belief=posterior, figures=judge(policy))
+        journal.step("refine", seconds=refining, belief=refined.belief, figures=judge(policy))
 
         def after(frames: int, losses: dict[str, float]) -> None:
             journal.step("policy", frames=frames, losses=losses, figures=judge(policy))
 
         train(mended, objective, training, seed, after)
-    Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "posterior": to_state(posterior)})
+    Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "belief": to_state(refined.belief)})
     scores = {**beside, "the mended model": judge(policy)["return"]}
     for name, value in scores.items():
         print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")

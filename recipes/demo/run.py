@@ -6,7 +6,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -18,15 +18,14 @@ from torch import Tensor
 
 from envs.driven_pendulum import Protocol
 from onlinebayes.cli.summary import summary
-from onlinebayes.criticism import Criticism, Question
-from onlinebayes.inference import BoxUniform
+from onlinebayes.criticism import Criticism, Question, worlds_of
+from onlinebayes.inference import BoxUniform, TruncatedMixture
 from onlinebayes.problems import criticise, load_problem
 from onlinebayes.report import write_report
 from onlinebayes.runs import write_atomic
 from onlinebayes.trainers import Journal, PolicyFiles
 from recipes.demo.measure import known, measure, write_problem
 from recipes.demo.policy import Training, episodes, learner, player, returns, score, train
-from recipes.demo.posterior import Rounds, infer
 
 SIGNAL = "qpos.hinge"
 WRONG, MENDED = "the model as it was", "the mended model"
@@ -39,14 +38,12 @@ class Budget:
 
     Args:
         protocol: what is recorded on the rig.
-        rounds: of inference.
         training: of the policy.
         episodes: that each policy runs on the rig.
-        processes: 2 to infer and train for both models at once, 1 for one after the other in this process.
+        processes: 2 to train for both models at once, 1 for one after the other in this process.
     """
 
     protocol: Protocol = field(default_factory=lambda: Protocol(fit=8, held=2, seconds=4.0))
-    rounds: Rounds = field(default_factory=Rounds)
     training: Training = field(default_factory=Training)
     episodes: int = 20
     processes: int = 2
@@ -54,7 +51,6 @@ class Budget:
 
 QUICK = Budget(
     Protocol(fit=7, held=2, seconds=2.0),
-    Rounds(rounds=1, simulations=60, epochs=3, seconds=1.0, hidden=8),
     Training(worlds=64, steps=16, batches=3),
     episodes=4,
     processes=1,
@@ -112,14 +108,14 @@ def run(seed: int, out: Path, budget: Budget) -> Outcome:
     problem = write_problem(made, out)
     print(f"{len(made.runs)} runs of {float(made.times[-1]):g} s in {out / 'measurements.csv'}")
     _title("2. compare: where does the model fail?")
-    command("compare", problem, out / "compare")
+    compared = command("compare", problem, out / "compare")
     _title("3. diagnose: which physical effect is missing?")
     command("diagnose", problem, out / "diagnose")
     _title("4. refine: add it, refit, until nothing more is missing")
     criticism = command("refine", problem, out / "refine")
-    _title("5. Posteriors of both models from the same runs, policies in worlds drawn from each, equal budgets")
-    refined = out / "refine" / "refined.toml"
-    wrong, mended = branches((problem, refined), made.truth, seed, budget, out)
+    _title("5. What the runs say of each model's parameters; policies in worlds drawn from that, equal budgets")
+    models = ((problem, compared), (out / "refine" / "refined.toml", criticism))
+    wrong, mended = branches(models, made.truth, seed, budget, out)
     outcome = Outcome(seed, made.truth, criticism, wrong, mended, time.monotonic() - start)
     write_atomic(out / "demo.json", json.dumps(as_json(outcome), indent=1) + "\n")
     return outcome
@@ -136,12 +132,12 @@ def command(name: Question, problem_file: Path, out: Path) -> Criticism:
 
 
 def branches(
-    problems: tuple[Path, Path], truth: Mapping[str, float], seed: int, budget: Budget, out: Path
+    models: Sequence[tuple[Path, Criticism]], truth: Mapping[str, float], seed: int, budget: Budget, out: Path
 ) -> tuple[Branch, Branch]:
-    """:func:`branch` for the two problem files; the mended model's run is the demonstration's."""
+    """:func:`branch` for the wrong and the mended model, each a problem file and what was found with it."""
     jobs = [
-        (problem, dict(truth), seed, budget, name, out / FOLDERS[name])
-        for problem, name in zip(problems, (WRONG, MENDED), strict=True)
+        (problem, worlds_of(found).belief, dict(truth), seed, budget, name, out / FOLDERS[name])
+        for (problem, found), name in zip(models, (WRONG, MENDED), strict=True)
     ]
     if budget.processes == 1:
         wrong, mended = (branch(*job) for job in jobs)
@@ -152,17 +148,20 @@ def branches(
         return first.result(), second.result()
 
 
-def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Budget, name: str, out: Path) -> Branch:
-    """Posterior, policy and episodes on the rig for the model of one problem file; its run is recorded in ``out``."""
+def branch(
+    problem_file: Path,
+    belief: TruncatedMixture,
+    truth: Mapping[str, float],
+    seed: int,
+    budget: Budget,
+    name: str,
+    out: Path,
+) -> Branch:
+    """Policy and episodes on the rig for the model of one problem file in worlds of a belief, recorded in ``out``."""
     torch.set_num_threads(1)
     logging.getLogger("torchrl").setLevel(logging.WARNING)
-    say, start = _teller(name), time.monotonic()
-    problem = load_problem(problem_file)
-    held = problem.holdout or ()
-    fit_runs = [run for run in problem.measurement.runs if run not in held]
-    posterior = infer(problem.simulator, problem.measurement.select(fit_runs), budget.rounds, seed, say)
-    space, seconds = posterior.space, time.monotonic() - start
-    balancing, objective = learner(problem.simulator, posterior, budget.training, seed)
+    say, space = _teller(name), belief.space
+    balancing, objective = learner(load_problem(problem_file).simulator, belief, budget.training, seed)
     shown = player(balancing, objective.policy, truth)
     files = PolicyFiles(out, "demo", objective, balancing)
     with Journal(out, "demo", BoxUniform(space), shown, known(space, truth), say=say, watchers=(files,)) as journal:
@@ -174,11 +173,11 @@ def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Bu
             journal.step("policy", frames=frames, losses=losses, figures=judge())
 
         journal.step("begin", figures=judge())
-        journal.step("belief", seconds=seconds, belief=posterior, figures=judge())
+        journal.step("belief", belief=belief, figures=judge())
         train(balancing, objective, budget.training, seed, told)
     played = episodes(objective.policy, truth, budget.episodes, seed)
     angle = torch.atan2(played["observation"][..., 1], played["observation"][..., 0])
-    samples = posterior.sample((4000,), torch.Generator().manual_seed(0))
+    samples = belief.sample((4000,), torch.Generator().manual_seed(0))
     return Branch(space.names, samples, angle, returns(played))
 
 

@@ -133,7 +133,7 @@ def test_a_log_becomes_a_policy(tmp_path: Path, capsys: Capture) -> None:
     said, folder = capsys.readouterr().out, tmp_path / "from_logs-0-short"
     assert "missing: actuator_delay@motor" in said
     rows = left(folder, said)
-    assert [rows[0]["seconds/refine"] > "0", rows[1]["seconds/belief"] > "0"] == [True, True]
+    assert float(rows[0]["seconds/refine"]) > 0
     assert float(rows[-1]["figure/return"]) > float(rows[0]["figure/return"])
     assert (folder / "checkpoint-000001.pt").exists()
 

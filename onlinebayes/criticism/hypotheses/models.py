@@ -65,7 +65,7 @@ def fitted_model(
     model = way.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     quick, rough = evaluation.fitted.simulator, evaluation.fitted.rough
     theta = theta_of(model, evaluation.values)
-    covariance = covariance_of(fit, blocks) + rests_on_moments(fit, tau, bin_step)
+    covariance = covariance_of(fit, blocks, tau, bin_step) + rests_on_moments(fit, tau, bin_step)
     values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
     replays = [
         run

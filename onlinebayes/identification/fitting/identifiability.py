@@ -4,9 +4,13 @@
 
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
 parameter is identifiable when less than a tenth of it lies in flat directions and no bound holds it. Intervals are the
-leave-one-block-out jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds. A run's own value adds
-the spread between its windows (see :mod:`.fitting.per_run_values`); a bound that holds a parameter adds d d', d the
-step that theta would take without it.
+leave-one-block-out jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds. Few blocks may look alike
+by chance: no direction is known better than the residual's own variance allows (Cramer 1946, Rao 1945),
+
+    L L' = s_eff^2 (C~' C~)^-1,    L^-1 V L^-T = Q diag(v) Q'    ->    V' = L Q diag(max(v, 1)) Q' L'
+
+A run's own value adds the spread between its windows (see :mod:`.fitting.per_run_values`); a bound that holds a
+parameter adds d d', d the step that theta would take without it.
 
 Where moments of inertia were never measured (see :mod:`.fitting.moments`; columns N~, sd S_0 of a relative change e),
 they are projected out of J, with rows 1 / S_0, and the covariance grows by
@@ -37,12 +41,39 @@ AT_BOUND = 1e-3
 """Share of what was allowed within which the mean lies at the end of it."""
 
 
-def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
-    """Jackknife covariance of theta [SI]; zero with a single block."""
+def covariance_of(fitted: Fit, blocks: Blocks, tau: float, bin_step: float) -> Float[Tensor, "P P"]:
+    """Covariance of theta [SI]: the jackknife's, and no less than the noise allows; zero with a single block.
+
+    Args:
+        fitted: to the data.
+        blocks: parts of the data that are left out in turn.
+        tau: correlation time of the residual [s].
+        bin_step: of its rows [s].
+    """
     if blocks.count < 2 or not len(fitted.theta):
         return torch.zeros(len(fitted.theta), len(fitted.theta)).to(fitted.theta)
     across = jackknife(leave_one_out(fitted, blocks)) + pressed(fitted)
+    across = at_least(across, noise_covariance(fitted, tau, bin_step))
     return across + own_covariance(fitted, blocks, across) if isinstance(fitted.simulator, ScopedSimulator) else across
+
+
+def noise_covariance(fitted: Fit, tau: float, bin_step: float) -> Float[Tensor, "P P"]:
+    """s_eff^2 (C~' C~)^-1, within what was allowed where the data are flat [SI]; arguments as :func:`covariance_of`."""
+    space, s = fitted.simulator.parameters, _deviation(fitted, tau, bin_step)
+    width = (space.high - space.low).to(s)
+    C = fitted.projected.columns.flatten(0, 1) * width / s
+    allowed = 12.0 * torch.eye(len(width)).to(s)
+    return width[:, None] * torch.linalg.inv(C.T @ C + allowed) * width
+
+
+def at_least(covariance: Float[Tensor, "P P"], least: Float[Tensor, "P P"]) -> Float[Tensor, "P P"]:
+    """The covariance, but in no direction less than another, which is positive definite."""
+    L = torch.linalg.cholesky(least)
+    inner = torch.linalg.solve_triangular(L, covariance, upper=False)
+    inner = torch.linalg.solve_triangular(L, inner.mT, upper=False)
+    v, Q = torch.linalg.eigh((inner + inner.mT) / 2)
+    root = L @ (Q * v.clamp_min(1.0).sqrt())
+    return root @ root.mT
 
 
 def pressed(fitted: Fit) -> Float[Tensor, "P P"]:
