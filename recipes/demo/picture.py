@@ -77,7 +77,7 @@ def _posteriors(axis: Axes, outcome: Outcome) -> tuple[str, str]:
     _mended(axis, clouds[1], at)
     low, high = _limits(axis, np.concatenate([*clouds, at[None]]), 0.12)
     if (np.ptp(clouds[1], axis=0) < NARROW * (high - low)).any():
-        inset = axis.inset_axes((0.3, 0.42, 0.42, 0.42))
+        inset = axis.inset_axes((0.45, 0.56, 0.5, 0.42))
         _mended(inset, clouds[1], at)
         _limits(inset, np.concatenate([clouds[1], at[None]]), 0.3)
         inset.tick_params(labelsize=7)
