@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 
 import torch
 from jaxtyping import Float
@@ -135,6 +135,17 @@ def tabulate(cases: Sequence[Judged], printed_by: str) -> ResultTable:
     """Tabulate how often a statement is true, by how probable it was called."""
     table = ResultTable("reliability", printed_by, [JUDGED])
     table.add("cases", len(cases), goal=">= 200", holds=len(cases) >= 200)
+    spent = sorted(case.seconds for case in cases)
+    if spent:
+        spread = f"{spent[0]:.0f} to {spent[-1]:.0f}"
+        table.add(
+            "processor time a case, median",
+            median(spent),
+            spread=spread,
+            unit="s",
+            goal="<= 15",
+            holds=median(spent) <= 15,
+        )
     said = [one for case in cases for one in statements(case)]
     pairs = ((probability(one.said), zip(one.said.weights, one.right, strict=True)) for one in said)
     _names(table, [(p * weight, right) for p, names in pairs for weight, right in names])
