@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from onlinebayes.identification import quantities
-from onlinebayes.inference import Identifiability
 from onlinebayes.posterior.results import LogPosterior, ParameterBelief, Reproduction
 
 RINGS = 0.05
@@ -19,7 +18,7 @@ def lines(found: LogPosterior) -> list[tuple[str, str]]:
     """(label, sentence), in the order in which they are to be read: every parameter, the least known first."""
     named = sorted(found.parameters.items(), key=lambda one: -one[1].of_prior)
     told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
-    told.append(("known", known(found.identifiability)))
+    told.append(("known", known(found)))
     told.append(("worlds", reproductions(found)))
     if said := alarm(found):
         told.append(("alarm", said))
@@ -38,9 +37,11 @@ def title(found: LogPosterior) -> str:
     return " + ".join(found.accepted) or "the model as it is"
 
 
-def known(found: Identifiability) -> str:
+def known(found: LogPosterior) -> str:
     """Name the parameters that are known, and those known only together; their widths stand above where all are."""
-    return str(found) if found.unknown or found.combinations else "every parameter by itself"
+    known = found.identifiability
+    said = str(known) if known.unknown or known.combinations else "every parameter by itself"
+    return said if found.surprise >= CERTAIN else f"{said}, in a model that cannot have made this log (see the alarm)"
 
 
 def reproductions(found: LogPosterior) -> str:

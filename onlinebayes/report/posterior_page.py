@@ -58,6 +58,8 @@ def headline(models: Sequence[LogPosterior]) -> str:
     """How much of the parameters is known."""
     if len(models) > 1:
         return f"The log leaves {len(models)} models open"
+    if models[0].surprise < words.CERTAIN:
+        return "The model cannot have made this log: its values need not be the machine's"
     found = models[0].identifiability
     open_, of = len(found.unknown), len(found.parameters)
     if not open_:

@@ -30,7 +30,10 @@ VERDICTS = {
 SURE, PROBABLE = 0.9, 0.5
 """Probabilities from which on an effect is said to be missing, and to be probably missing."""
 
-NOT_ALL = ": most of the misfit is explained, not all"
+BEYOND = "each ± may be too small"
+"""Of a model that leaves more than noise: what it lacks may move its values, and no interval knows how far."""
+
+NOT_ALL = f"; not all is explained, {BEYOND}"
 
 SHOWN_RUNS = 8
 """The most runs whose own values stand in a sentence."""

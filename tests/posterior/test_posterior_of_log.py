@@ -12,6 +12,7 @@ from envs.pendulum import PendulumTask
 from onlinebayes.inference import BoxUniform, saving
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.posterior import LogPosterior, lines, posterior_of_log, side_by_side, write_posterior
+from onlinebayes.report.posterior_page import headline
 from onlinebayes.runs import BadInput, Interrupt, Stopped
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -74,6 +75,8 @@ def test_a_measurement_unlike_the_model_rings() -> None:
     found = posterior_of_log(model(), log(truth, 1, free=wide, noise=0.001))
     assert found.surprise < 0.01
     assert any("unlike anything that the model can do" in text for _, text in lines(found))
+    assert dict(lines(found))["known"].endswith("in a model that cannot have made this log (see the alarm)")
+    assert "need not be the machine's" in headline([found])
     chance = [text for label, text in lines(replace(found, surprise=0.04)) if label == "alarm"]
     assert ["is unusual for the model (p 0.04" in text and "one log in 25" in text for text in chance] == [True]
 

@@ -94,7 +94,7 @@ def test_a_bound_is_all_that_is_wrong_only_where_noise_is_left() -> None:
     clean = dataclasses.replace(result, remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
     asked = f"the bounds of {key} exclude what the data ask for"
     assert words.headline(clean) == f"No effect is missing: {asked}."
-    more = "or something that acts like them is missing: most of the misfit is explained, not all."
+    more = "or something that acts like them is missing; not all is explained, each ± may be too small."
     assert words.headline(result) == f"T{asked[1:]}, {more}"
 
 
@@ -114,7 +114,7 @@ def test_the_first_screen_answers_the_four_questions() -> None:
     page = to_html(criticism(), title="drive.toml", refined=("refined.toml", "refined.xml"))
     text = check(page).partition("What to do next")[0]
     named = "The model misses dry friction and constant load at carriage"
-    assert f"{named}, or what acts much like them: most of the misfit is explained, not all." in text
+    assert f"{named}, or what acts much like them; not all is explained, each ± may be too small." in text
     assert "Held-out error over 1 s: 6.6 mm → 2.0 mm (3.3 times better); noise explains 0.20 mm." in text
     for question in ("How wrong is the model?", "Where?", "What is missing?", "How much better now?"):
         assert question in text
@@ -287,6 +287,16 @@ def test_a_value_that_may_be_anywhere_within_its_bounds_is_not_determined() -> N
     page = to_html(bare(result, parameters={**result.parameters, "body.carriage.mass": mass}))
     assert "not determined" in page
     assert "30000 kg" not in page
+
+
+def test_a_value_is_known_of_a_model_that_leaves_no_more_than_noise() -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    clean = dataclasses.replace(result, remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
+    left, noise = to_html(result), to_html(clean)
+    assert "in this model" in left
+    assert "The model leaves more than noise: each ± may be too small." in left
+    assert "in this model" not in noise
+    assert "yes, to" in noise
 
 
 def test_a_flat_direction_leaves_out_what_rounds_to_nothing() -> None:

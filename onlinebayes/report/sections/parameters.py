@@ -7,7 +7,7 @@ import math
 from onlinebayes.criticism import Criticism
 from onlinebayes.identification import Estimate, FlatDirection, address_of, quantities
 from onlinebayes.parameters import Parameter
-from onlinebayes.report import phrases
+from onlinebayes.report import phrases, words
 from onlinebayes.report.markup import Html, folded, join, section, table, tag, text
 
 SHOWN = 16
@@ -30,7 +30,7 @@ def _table(result: Criticism) -> Html:
             tag("strong", phrases.estimate(value)),
             phrases.interval(value),
             strip(name, value, bounds, base if changed else None) if bounds else "–",
-            _state(value, bounds),
+            _state(value, bounds, sound=result.remainder.status == "noise"),
         ]
         if changed:
             cells.insert(3, phrases.estimate(base) if base else "–")
@@ -38,9 +38,10 @@ def _table(result: Criticism) -> Html:
     head = ["parameter", "value", "90 % interval", "within what was allowed", "known?"]
     if changed:
         head.insert(3, "without the effects" if result.accepted else "in the base model")
+    beyond = "" if result.remainder.status == "noise" else f"The model leaves more than noise: {words.BEYOND}. "
     note = (
-        "Mean ± standard deviation, from leaving one block of data out at a time. The grey bar is what was allowed "
-        "before the data; the coloured part is the 90 % interval after them, the line the mean"
+        f"{beyond}Mean ± standard deviation, from leaving one block of data out at a time. The grey bar is what was "
+        "allowed before the data; the coloured part is the 90 % interval after them, the line the mean"
         + ("; the orange mark is the base model's own value." if changed else ".")
     )
     shown = table("Parameters of the final model", head, rows[:SHOWN])
@@ -79,11 +80,13 @@ def _fleet_value(value: Estimate) -> str:
     return quantities.text(value.mean, value.unit, 3) if value.mean else "none seen"
 
 
-def _state(value: Estimate, bounds: Parameter | None) -> str:
+def _state(value: Estimate, bounds: Parameter | None, *, sound: bool) -> str:
     if value.at_bound:
         return "at its bound"
     if not value.identifiable:
         return "not determined alone"
+    if not sound:
+        return "in this model"
     if bounds is None:
         return "yes"
     share = (value.q95 - value.q05) / (bounds.high - bounds.low)
