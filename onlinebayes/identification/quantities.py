@@ -113,10 +113,16 @@ def with_error(mean: float, sd: float, unit: str) -> str:
 
 def interval(low: float, high: float, unit: str) -> str:
     """``92.6 to 97.4 kg``, with as many digits as tell the ends apart."""
-    largest, width = max(abs(low), abs(high)), high - low
+    (first, last), unit = apart((low, high), high - low, unit)
+    return f"{first} to {last} {unit}".strip()
+
+
+def apart(values: Sequence[float], width: float, unit: str) -> tuple[list[str], str]:
+    """``values`` [unit] in one display unit, with as many digits as tell two apart that lie ``width`` apart."""
+    largest = max(abs(value) for value in values)
     scale = scale_for(largest, unit)
     digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
-    return f"{scale.number(low, digits)} to {scale.text(high, digits)}"
+    return [scale.number(value, digits) for value in values], scale.unit
 
 
 def significant(value: float, digits: int = 2) -> str:

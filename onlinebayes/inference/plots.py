@@ -210,10 +210,12 @@ def _ticks(axis: Axis, window: tuple[float, float], count: int, name: str, param
         axis.set_major_formatter(
             FuncFormatter(lambda value, _: f"{((10**value if logarithmic else value) - centre) / 10.0**power:.3g}")
         )
-        return f"{_broken(name)} - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
+        apart = f" - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
+        return f"{_broken(name)}{apart}" if len(name + apart) <= LONGEST else f"{_broken(name)}\n{apart[1:]}"
     if logarithmic:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{10**value:.3g}"))
-    return f"{_broken(name)} [{parameter.unit}]" if parameter.unit else _broken(name)
+    title = f"{name} [{parameter.unit}]" if parameter.unit else name
+    return _broken(title) if "\n" in _broken(title) or len(title) <= LONGEST else title.replace(" [", "\n[")
 
 
 def _broken(name: str) -> str:

@@ -71,7 +71,7 @@ def _drawn(curves: Curves) -> Figure:
 
     figure = Figure(figsize=SIZE)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.13, 0.17, 0.84, 0.72))  # fixed: a computed layout draws the chart thrice
+    axes = figure.add_axes((0.15, 0.17, 0.82, 0.65))  # fixed: a computed layout draws the chart thrice
     name, x = curves.x
     marker = "o" if len(x) <= 30 else ""
     for i, (line, values) in enumerate(curves.lines.items()):
@@ -83,7 +83,8 @@ def _drawn(curves: Curves) -> Figure:
         axes.axhline(height, color=TRUTH, linestyle="--", linewidth=1.2, label=level)
     if curves.diagonal:
         axes.plot([0, 1], [0, 1], color=COLOURS[4], linestyle="--", linewidth=1, label=curves.diagonal)
-    axes.set_title(curves.title, fontsize=11, loc="left")
+    named = len(curves.lines) + len(curves.levels) + bool(curves.diagonal) > 1
+    axes.set_title(curves.title, fontsize=11, loc="left", pad=20 if named else 6)
     axes.set_xlabel(name, fontsize=9)
     axes.tick_params(labelsize=8, color="#b8bdc5")
     whole = all(float(value).is_integer() for value in x)
@@ -95,6 +96,6 @@ def _drawn(curves: Curves) -> Figure:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#b8bdc5")
-    if len(curves.lines) + len(curves.levels) + bool(curves.diagonal) > 1:
-        axes.legend(fontsize=8, frameon=False)
+    if named:  # above the curves: within it would hide some
+        axes.legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(-0.03, 0.97), borderaxespad=0)
     return figure

@@ -28,6 +28,8 @@ img, svg { max-width: 100%; height: auto }
 figure { margin: 0 } figcaption { color: #5b626d; font-size: .92rem }
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: 1.2rem }
 .bar { display: flex; height: 1.3rem; border-radius: 3px; overflow: hidden } .bar span { display: block }
+dl { display: grid; grid-template-columns: max-content auto; gap: .2rem 1.4rem; font-size: .92rem }
+dt { color: #5b626d } dd { margin: 0; overflow-wrap: anywhere }
 ul.notes { color: #5b626d; font-size: .92rem; padding-left: 1.2rem }
 """
 
@@ -59,6 +61,7 @@ class Page:
         seconds: part -> seconds in all.
         notes: one line each.
         films: caption -> film; it plays without end.
+        made: how the run was made: what is said -> its value.
     """
 
     title: str
@@ -70,6 +73,7 @@ class Page:
     seconds: Mapping[str, float]
     notes: Sequence[str]
     films: Mapping[str, Film] = field(default_factory=dict)
+    made: Mapping[str, str] = field(default_factory=dict)
 
 
 def write_page(page: Page, path: str | Path) -> None:
@@ -91,6 +95,8 @@ def to_html(page: Page) -> str:
     if page.notes:
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in page.notes)
         parts += ["<h2>What was decided, and what went wrong</h2>", f'<ul class="notes">{notes}</ul>']
+    if page.made:
+        parts += ["<h2>How it was made</h2>", _pairs(page.made)]
     meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
     head = f"{meta}<title>{html.escape(page.title)}</title><style>{STYLE}</style>"
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(parts)}</body></html>\n"
@@ -100,6 +106,11 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
     lines = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><tr>{cells}</tr>{lines}</table>"
+
+
+def _pairs(made: Mapping[str, str]) -> str:
+    lines = "".join(f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in made.items())
+    return f"<dl>{lines}</dl>"
 
 
 def _figure(caption: str, source: str) -> str:

@@ -187,6 +187,15 @@ def render(
     return np.asarray(image.reduce(SMOOTH))
 
 
+def captioned(picture: UInt8[np.ndarray, "H W 3"], words: str) -> UInt8[np.ndarray, "H W 3"]:
+    """The picture with a few words in its upper left corner."""
+    from PIL import Image, ImageDraw
+
+    image = Image.fromarray(picture)
+    ImageDraw.Draw(image).text((4, 2), words, fill=(91, 98, 109))
+    return np.asarray(image)
+
+
 def render_state(
     systems: Sequence[object],
     theta: Float[Tensor, " P"],

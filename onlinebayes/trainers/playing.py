@@ -1,7 +1,7 @@
 """An episode as a drawing: played by the hidden system where its parameters are known, and by the simulator beside it.
 
-The simulator stands at the belief's mean and is given the same start and the same commands: where the two part, the
-belief is still wrong.
+The simulator stands at the belief's mean; the same policy drives it from the same start. Under the commands of the
+other one it would soon be elsewhere where the motion is unstable, however right the belief is.
 """
 
 from __future__ import annotations
@@ -71,40 +71,27 @@ class SimulatedPlayer:
             return {}
         mean = mean_of(state.records[-1], simulator.parameters).to(simulator.dtype)
         truth = mean if self.truth is None else self.truth
-        states, commands = play(self.system or self.problem, self.policy, truth)
+        states = play(self.system or self.problem, self.policy, truth)
         if self.system is not None:  # what else it remembers is its own, and it is drawn as the simulator is
             states, truth = states.exclude("effects"), mean
         longest = steps_of(self.problem)
         episodes = {"real": Episode(*scene(drawn, truth, states), simulator.dt, longest)}
         if self.truth is not None:
-            path = replayed(self.problem, mean, states, commands)
+            path = play(self.problem, self.policy, mean)
             episodes["simulated"] = Episode(*scene(drawn, mean, path), simulator.dt, longest)
         return episodes
 
 
 @torch.no_grad()
-def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[TensorDict, Tensor]:
-    """States (T + 1,) and commands (T, U) of one episode under the policy's deterministic action, to its end."""
+def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> TensorDict:
+    """States (T + 1,) of one episode under the policy's deterministic action, to its end; its start is always one."""
     env = problem.worlds(1, ParameterRandomization(Point(theta)), seed=0, with_state=True)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         data = rolled_out(env, policy, steps_of(problem), to_end=True)[0]
     states = cast(TensorDict, torch.cat([data["state"], data["next", "state"][-1:]]))
-    return states.exclude("theta", "steps"), problem.task.command(data["action"]).to(problem.simulator.dtype)
+    return states.exclude("theta", "steps")
 
 
 def steps_of(problem: Problem) -> int:
     """Longest episode that is shown."""
     return min(problem.task.horizon, MOST_STEPS)
-
-
-def replayed(
-    problem: Problem, theta: Float[Tensor, " P"], states: TensorDict, commands: Float[Tensor, "T U"]
-) -> TensorDict:
-    """States (T + 1,) of the simulator at other parameters, from the same start under the same commands."""
-    simulator = problem.simulator
-    times = simulator.dt * torch.arange(1, len(commands) + 1, dtype=torch.float64)
-    inputs = TensorDict({"command": commands[None]}, batch_size=(1, len(commands)))
-    path = simulator.rollout(theta[None], states[:1], inputs, times)[0].exclude("valid")
-    shared = [key for key in path.keys(True, True) if key in states.keys(True, True)]
-    path = cast(TensorDict, torch.cat([states[:1].select(*shared), path.select(*shared)]))
-    return path.set("task", states.get("task")) if "task" in states else path

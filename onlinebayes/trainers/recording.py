@@ -20,7 +20,8 @@ from onlinebayes.inference import Belief, BoxUniform, extended, plots
 from onlinebayes.inference.calibration import LEVELS
 from onlinebayes.loggers import Loggers, RunRecorder, tensorboard, write_page
 from onlinebayes.trainers.playing import Episode, Player
-from onlinebayes.trainers.run_page import page
+from onlinebayes.trainers.provenance import made_by
+from onlinebayes.trainers.run_page import page, quantiles_of
 from onlinebayes.trainers.state import OnlineState, Record
 
 SECONDS = 10.0  # of an episode on the time line where nobody plays one
@@ -69,6 +70,7 @@ class Recording:
                 corner=corner,
                 played=played,
                 baselines=self.baselines,
+                made=made_by(self.folder),
             )
             write_page(content, self.folder / "run.html")
         if self._recorder is not None:
@@ -149,7 +151,10 @@ def _scalars(record: Record) -> dict[str, float]:
 
 def _summary(name: str, record: Record, infers: bool) -> str:
     figures = "".join(f"\n| {key} | {value:.4g} |" for key, value in record.figures.items())
-    belief = "".join(f"\n| {key} | {mean:.4g} ± {sd:.2g} |" for key, (mean, sd) in record.belief.items() if infers)
+    each = {name: quantiles_of(record, name) for name in record.belief} if infers else {}
+    belief = "".join(
+        f"\n| {key} | {middle:.4g} ({low:.4g} to {high:.4g}) |" for key, (low, middle, high) in each.items()
+    )
     notes = "".join(f"\n- {note}" for note in record.notes)
     grown = "".join(f"\n\n**The model has got {effect}.**" for effect in record.grown)
     table = f"| | |\n|---|---|\n| frames | {record.frames} |{figures}{belief}"

@@ -11,15 +11,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.identification import quantities
 from onlinebayes.inference.calibration import LEVELS
 from onlinebayes.loggers import Curves, Film, Page, calibration
-from onlinebayes.simulators.drawing import render, view_of
+from onlinebayes.simulators.drawing import captioned, render, view_of
 from onlinebayes.trainers.playing import Episode
 from onlinebayes.trainers.state import OnlineState, Record
 
 NUMBER = re.compile(r"-?\d[\d.e+-]*|-?\.\d+")
+NORMAL = 1.645
+"""Standard deviations from a normal distribution's middle to its 5 % and its 95 %."""
 FRAMES, FILM = 8, 60  # of the strip and of the film
-EPISODE = "An episode: the real system, and pale, under the same commands, the simulator at the {}'s mean"
+EPISODE = "An episode: the real system, and pale the simulator at the {}'s mean, driven by the same policy"
+BAND = "median, 5 to 95 %"
 
 
 def page(
@@ -30,6 +34,7 @@ def page(
     corner: np.ndarray | None,
     played: Mapping[str, Episode],
     baselines: Mapping[str, float],
+    made: Mapping[str, str],
 ) -> Page:
     """The page after the last step.
 
@@ -40,6 +45,7 @@ def page(
         corner: picture of the belief; None where the policy learnt alone.
         played: the last episode.
         baselines: returns of other runs by their kind.
+        made: how the run was made, by what is said: command, commit, settings.
     """
     last, inferred = state.records[-1], corner is not None
     pictures, films = {} if corner is None else {"The belief": corner}, {}
@@ -60,6 +66,7 @@ def page(
         seconds=seconds,
         notes=notes_of(state.records),
         films=films,
+        made=made,
     )
 
 
@@ -85,11 +92,21 @@ def _steps(steps: Sequence[int]) -> str:
 
 
 def _rows(state: OnlineState, truth: Tensor | None) -> list[list[str]]:
-    rows = []
-    for i, (parameter, (mean, sd)) in enumerate(state.records[-1].belief.items()):
-        true = [] if truth is None else ["" if truth[i].isnan() else f"{float(truth[i]):.4g}"]
-        rows.append([parameter, state.belief.space[parameter].unit, f"{mean:.4g}", f"{sd:.2g}", *true])
+    rows, last = [], state.records[-1]
+    for i, parameter in enumerate(last.belief):
+        low, middle, high = quantiles_of(last, parameter)
+        true = [] if truth is None or truth[i].isnan() else [float(truth[i])]
+        cells, unit = quantities.apart((middle, low, high, *true), high - low, state.belief.space[parameter].unit)
+        rows.append([parameter, unit, *cells, *([""] if truth is not None and not true else [])])
     return rows
+
+
+def quantiles_of(record: Record, parameter: str) -> tuple[float, float, float]:
+    """5, 50 and 95 % of a parameter; of a normal distribution's in a run that kept mean and sd alone."""
+    if parameter in record.quantiles:
+        return record.quantiles[parameter]
+    mean, sd = record.belief.get(parameter, (math.nan, math.nan))  # one that the model got later has none before
+    return mean - NORMAL * sd, mean, mean + NORMAL * sd
 
 
 def _lead(last: Record, inferred: bool) -> str:
@@ -99,22 +116,19 @@ def _lead(last: Record, inferred: bool) -> str:
 
 
 def _head(inferred: bool) -> list[str]:
-    return ["mean", "sd"] if inferred else ["mean of the prior", "its sd"]
+    return ["median", "5 %", "95 %"] if inferred else ["median of the prior", "its 5 %", "95 %"]
 
 
 def _beliefs(state: OnlineState, truth: Tensor | None) -> list[Curves]:
     records, charts = state.records, []
     steps = ("step", [record.step for record in records])
     for i, parameter in enumerate(records[-1].belief):
-        # A parameter that the model got later has no belief before.
-        told = np.array([record.belief.get(parameter, (math.nan, math.nan)) for record in records])
-        means, sds = told.T
-        band = {"mean and sd": ((means - sds).tolist(), (means + sds).tolist())}
+        low, middle, high = zip(*(quantiles_of(record, parameter) for record in records), strict=True)
         level = {} if truth is None or truth[i].isnan() else {"truth": float(truth[i])}
         unit = state.belief.space[parameter].unit
         title = f"{parameter} [{unit}]" if unit else parameter
-        charts.append(Curves(title, steps, {"mean and sd": means.tolist()}, band, level))
-    return charts
+        charts.append(Curves(title, steps, {BAND: middle}, {BAND: (low, high)}, level))
+    return [chart for chart in charts if _is_curve(chart)]
 
 
 def _charts(state: OnlineState, baselines: Mapping[str, float]) -> list[Curves]:
@@ -127,7 +141,12 @@ def _charts(state: OnlineState, baselines: Mapping[str, float]) -> list[Curves]:
         charts.append(calibration(LEVELS, found))
     for loss in dict.fromkeys(loss for record in records for loss in record.losses):
         charts.append(Curves(loss, frames, {loss: [r.losses.get(loss, float("nan")) for r in records]}))
-    return charts
+    return [chart for chart in charts if _is_curve(chart) or chart.levels]
+
+
+def _is_curve(chart: Curves) -> bool:
+    """Whether there are two points or more: one alone is in the log."""
+    return any(sum(map(math.isfinite, values)) > 1 for values in chart.lines.values())
 
 
 def newest_calibration(records: list[Record]) -> tuple[float, ...] | None:
@@ -146,7 +165,8 @@ def _frames(played: Mapping[str, Episode], number: int, width: int) -> tuple[lis
     frames = []
     for k in places:
         behind = None if simulated is None else (simulated.shapes, simulated.poses[min(k, len(simulated.poses) - 1)])
-        frames.append(render(real.shapes, real.poses[k], size=size, view=view, ghost=behind))
+        picture = render(real.shapes, real.poses[k], size=size, view=view, ghost=behind)
+        frames.append(captioned(picture, f"{k * real.dt:.2f} s"))
     return frames, (len(real.poses) - 1) / max(number - 1, 1)
 
 

@@ -35,6 +35,7 @@ class Record:
         calibration: the same share for each of ``calibration.LEVELS``; empty where there was no fit.
         notes: what went wrong or was decided, one line each.
         belief: mean and standard deviation of each parameter [SI].
+        quantiles: 5 %, 50 % and 95 % of each parameter [SI]; empty in a run of before they were kept.
         figures: what a judge said of the step, by name.
         grown: keys of the effects that criticism had added to the model by then.
     """
@@ -51,6 +52,7 @@ class Record:
     belief: dict[str, tuple[float, float]] = field(default_factory=dict)
     figures: dict[str, float] = field(default_factory=dict)
     grown: tuple[str, ...] = ()
+    quantiles: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class OnlineState:
             losses=dict(self.losses) if self.batches else {},
             notes=tuple(self.notes),
             belief=moments(self.belief),
+            quantiles=quantiles(self.belief),
             grown=tuple(f"{effect['name']}@{effect['target']}" for effect in self.effects),
         )
         if inferred is not None:
@@ -197,11 +200,21 @@ def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
 
 def moments(belief: Belief) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of each parameter [SI], by draws with a fixed seed."""
-    if not len(belief.space):
-        return {}
-    draws = belief.sample((4000,), torch.Generator().manual_seed(0))
+    draws = _draws(belief)
     each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
     return dict(zip(belief.space.names, each, strict=True))
+
+
+def quantiles(belief: Belief) -> dict[str, tuple[float, float, float]]:
+    """5 %, 50 % and 95 % of each parameter [SI], by the same draws."""
+    draws = _draws(belief)
+    low, middle, high = torch.quantile(draws, draws.new_tensor([0.05, 0.5, 0.95]), dim=0)
+    each = zip(low.tolist(), middle.tolist(), high.tolist(), strict=True)
+    return dict(zip(belief.space.names, each, strict=True))
+
+
+def _draws(belief: Belief) -> Float[Tensor, "M P"]:
+    return belief.sample((4000,), torch.Generator().manual_seed(0))
 
 
 def mean_of(record: Record, space: ParameterSpace) -> Float[Tensor, " P"]:

@@ -50,7 +50,7 @@ def test_a_sharp_posterior_is_labelled_by_its_distance_from_a_round_number(scale
     figure = plots.corner(Sharp())
     figure.canvas.draw()
     axis = figure.axes[0]
-    assert axis.get_xlabel() == "length - 0.5 [1e-8 m]"
+    assert axis.get_xlabel().replace("\n", " ") == "length - 0.5 [1e-8 m]"
     shown = [float(label.get_text()) for label in axis.get_xticklabels()]
     assert max(shown) - min(shown) > 2
     assert all(abs(value) < 10 for value in shown)
