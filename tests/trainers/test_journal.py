@@ -39,7 +39,7 @@ def test_it_leaves_a_log_a_recording_and_a_page(tmp_path: Path) -> None:
     assert rows["/belief/length/mean"] == 2
     assert rows["/returns/another"] == 1
     page = (tmp_path / "run.html").read_text("utf-8")
-    for words in ("another", "An episode", "The belief", "narrowed"):
+    for words in ("another", "An episode", "The belief", "narrowed", "median", "How it was made"):
         assert words in page
 
 
