@@ -200,6 +200,8 @@ def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
 
 def moments(belief: Belief) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of each parameter [SI], by draws with a fixed seed."""
+    if not len(belief.space):
+        return {}
     draws = _draws(belief)
     each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
     return dict(zip(belief.space.names, each, strict=True))
@@ -207,6 +209,8 @@ def moments(belief: Belief) -> dict[str, tuple[float, float]]:
 
 def quantiles(belief: Belief) -> dict[str, tuple[float, float, float]]:
     """5 %, 50 % and 95 % of each parameter [SI], by the same draws."""
+    if not len(belief.space):
+        return {}
     draws = _draws(belief)
     low, middle, high = torch.quantile(draws, draws.new_tensor([0.05, 0.5, 0.95]), dim=0)
     each = zip(low.tolist(), middle.tolist(), high.tolist(), strict=True)

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from onlinebayes.inference import BoxUniform
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers.provenance import made_by
 from onlinebayes.trainers.run_page import notes_of, quantiles_of
-from onlinebayes.trainers.state import Record
+from onlinebayes.trainers.state import Record, moments, quantiles
 
 
 def record(step: int, *notes: str) -> Record:
@@ -48,3 +50,8 @@ def test_the_page_says_how_the_run_was_made(tmp_path: Path) -> None:
     assert f"torch {torch.__version__}" in said["versions"]
     assert {"date", "command"} <= said.keys()
     assert "settings" not in made_by(tmp_path / "none")
+
+
+def test_a_belief_about_no_parameter_has_no_moments_and_no_quantiles() -> None:
+    nothing = BoxUniform(ParameterSpace())
+    assert (moments(nothing), quantiles(nothing)) == ({}, {})
