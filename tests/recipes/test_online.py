@@ -74,9 +74,11 @@ def left(folder: Path, said: str) -> list[dict[str, str]]:
     assert closing_line(folder) in said
     assert (folder / "run.rrd").stat().st_size < 50e6
     page = (folder / "run.html").read_text("utf-8")
-    assert all(words in page for words in ("<svg", "An episode", "return"))
+    assert "An episode" in page
     with (folder / "log.csv").open() as file:
-        return list(csv.DictReader(file))
+        rows = list(csv.DictReader(file))
+    assert ("<svg" in page and "return" in page) or len(rows) == 1  # one point is no curve
+    return rows
 
 
 @pytest.mark.slow
