@@ -102,7 +102,7 @@ def test_a_function_is_a_simulator(tmp_path: Path, capsys: Capture) -> None:
     assert own_simulator.main(own_simulator.Settings(short=True, out=str(tmp_path))) == 0
     said, folder = capsys.readouterr().out, tmp_path / "own_simulator-0-short"
     assert closing_line(folder) in said
-    assert "<svg" in (folder / "run.html").read_text("utf-8")
+    assert "The belief" in (folder / "run.html").read_text("utf-8")
     assert "% region holds" in said
     assert "of the prior's width" in said
     assert (folder / "corner.png").read_bytes().startswith(b"\x89PNG")
