@@ -9,18 +9,18 @@ log begin at ``refine``: everything from there on needs the problem file only.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from time import monotonic as clock
-
-import torch
 
 from envs.driven_pendulum import Protocol
 from onlinebayes.experiments import Options, closing_line, place_of, status
+from onlinebayes.identification import Estimate
+from onlinebayes.identification.quantities import with_error
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
-from onlinebayes.problems import criticise, load_problem, load_refined
+from onlinebayes.problems import criticise, load_problem, load_worlds
 from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
-from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Journal, Policy, PolicyFiles
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
@@ -43,29 +43,28 @@ def main(settings: Options) -> int:
     began = clock()
     found = criticise("refine", load_problem(log))
     write_report(found, place / "refine", title="a pendulum's log", problem=log)
-    refined = load_refined(place / "refine")
-    simulator, refining = refined.problem.simulator, clock() - began
-    print(f"missing: {', '.join(found.accepted) or 'nothing'}; fitted: {told(refined.theta, refined.sd, simulator)}")
+    worlds, refining = load_worlds(place / "refine").worlds, clock() - began
+    print(f"missing: {', '.join(found.accepted) or 'nothing'}; fitted: {told(found.parameters)}")
 
     # A policy for all machines that the model as it was allows: the one to beat.
-    model, space = load_problem(log).simulator, simulator.parameters
+    model, belief = load_problem(log).simulator, worlds.belief
     wrong, alone = learner(model, BoxUniform(model.parameters), training, seed)
     train(wrong, alone, training, seed, lambda frames, losses: None)
     beside = {"the model as it was": judge(alone.policy)["return"]}
 
-    # A policy for all machines that the log allows: refined.belief, the effect's parameters included.
-    mended, objective = learner(simulator, refined.belief, training, seed)
+    # A policy for all machines that the log allows: the belief is over the effect's parameters, too.
+    mended, objective = learner(worlds.simulator, belief, training, seed)
     shown, policy = player(mended, objective.policy, truth), objective.policy
     files = PolicyFiles(place, "from_logs", objective, mended)
-    parts = (place, "from_logs", BoxUniform(space), shown, known(space, truth), beside)
+    parts = (place, "from_logs", BoxUniform(belief.space), shown, known(belief.space, truth), beside)
     with Journal(*parts, watchers=(files,)) as journal:
-        journal.step("refine", seconds=refining, belief=refined.belief, figures=judge(policy))
+        journal.step("refine", seconds=refining, belief=belief, figures=judge(policy))
 
         def after(frames: int, losses: dict[str, float]) -> None:
             journal.step("policy", frames=frames, losses=losses, figures=judge(policy))
 
         train(mended, objective, training, seed, after)
-    Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "belief": to_state(refined.belief)})
+    Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "belief": to_state(belief)})
     scores = {**beside, "the mended model": judge(policy)["return"]}
     for name, value in scores.items():
         print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")
@@ -74,13 +73,9 @@ def main(settings: Options) -> int:
     return 0 if found.accepted and (better or small) else 1
 
 
-def told(values: torch.Tensor, sds: torch.Tensor, simulator: Simulator) -> str:
+def told(parameters: Mapping[str, Estimate]) -> str:
     """``mass 0.41 ± 0.01 kg, ...``"""
-    space = simulator.parameters
-    return ", ".join(
-        f"{name} {float(value):.3g} ± {float(sd):.1g} {space[name].unit}"
-        for name, value, sd in zip(space.names, values, sds, strict=True)
-    )
+    return ", ".join(f"{name} {with_error(one.mean, one.sd, one.unit)}" for name, one in parameters.items())
 
 
 if __name__ == "__main__":

@@ -210,18 +210,18 @@ def _ticks(axis: Axis, window: tuple[float, float], count: int, name: str, param
         axis.set_major_formatter(
             FuncFormatter(lambda value, _: f"{((10**value if logarithmic else value) - centre) / 10.0**power:.3g}")
         )
-        apart = f" - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
-        return f"{_broken(name)}{apart}" if len(name + apart) <= LONGEST else f"{_broken(name)}\n{apart[1:]}"
+        return _title(name, f"- {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]"))
     if logarithmic:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{10**value:.3g}"))
-    title = f"{name} [{parameter.unit}]" if parameter.unit else name
-    return _broken(title) if "\n" in _broken(title) or len(title) <= LONGEST else title.replace(" [", "\n[")
+    return _title(name, f"[{parameter.unit}]" if parameter.unit else "")
 
 
-def _broken(name: str) -> str:
-    """``dry_friction@carriage`` above ``.frictionloss``."""
+def _title(name: str, rest: str) -> str:
+    """``length [m]``; where that is too long, ``dry_friction@carriage`` above ``.frictionloss [N]``."""
     head, dot, tail = name.rpartition(".")
-    return f"{head}\n{dot}{tail}" if head and len(name) > LONGEST else name
+    if len(f"{name} {rest}") > LONGEST:
+        name = f"{head}\n{dot}{tail}" if head else f"{name}\n"
+    return f"{name} {rest}".strip().replace("\n ", "\n")
 
 
 def _legend(figure: Figure, axis: Axes, prior: bool, truth: bool, title: str) -> None:

@@ -23,11 +23,8 @@ as one. Nothing here knows a trainer; a belief is anything with ``space`` and ``
 
 from __future__ import annotations
 
-import errno
 import math
-import os
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -42,6 +39,7 @@ from onlinebayes.loggers import charts, layout
 from onlinebayes.loggers.shapes import alike, archetype
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.runs.files import check_room
 from onlinebayes.runs.recordings import copy_whole, whole_bytes
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.drawing import View, view_of
@@ -53,8 +51,6 @@ DRAWS = 2000
 LEVELS = (0.05, 0.95)
 BINS = 40
 MOST_BYTES = 40_000_000
-LEAST_ROOM = 2**20
-"""Free bytes of a disk below which nothing more is written."""
 MOST_POSES = 500
 PLAYED = 60.0  # seconds in which the viewer plays a run
 
@@ -227,26 +223,17 @@ class RunRecorder:
         """Write what is pending: whoever opens the file now sees everything so far."""
         if self._opened is not None:
             self._arrange()
-            self._check_room()
+            check_room(self.path)
             self._opened.flush()
 
     def close(self) -> None:
         """Write what is pending and close the file."""
         if self._opened is not None:
             self._arrange()
-            self._check_room()
+            check_room(self.path)
             self._opened.flush()
             self._opened.disconnect()
             self._opened = None
-
-    def _check_room(self) -> None:
-        """Refuse to go on where the disk is full: Rerun's writer may wait for ever there."""
-        if shutil.disk_usage(self.path.parent).free < LEAST_ROOM:
-            raise BadInput(
-                f"cannot be written: {os.strerror(errno.ENOSPC)}",
-                "make room and give the same command again: the run goes on",
-                where=str(self.path),
-            )
 
     @property
     def _stream(self) -> RecordingStream:

@@ -27,6 +27,7 @@ from torch import Tensor
 from torchrl.record.loggers import Logger
 
 from onlinebayes.runs import BadInput
+from onlinebayes.runs.files import check_room
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -134,6 +135,7 @@ class RerunLogger(Logger):
     def shutdown(self, timeout: float | None = None) -> None:
         """Write what is pending and close the file."""
         super().shutdown(timeout)
+        check_room(self.path)
         self.experiment.disconnect()
 
     def __repr__(self) -> str:

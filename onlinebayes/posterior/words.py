@@ -39,8 +39,8 @@ def title(found: LogPosterior) -> str:
 
 def known(found: LogPosterior) -> str:
     """Name the parameters that are known, and those known only together; their widths stand above where all are."""
-    known = found.identifiability
-    said = str(known) if known.unknown or known.combinations else "every parameter by itself"
+    of = found.identifiability
+    said = str(of) if of.unknown or of.combinations else "every parameter by itself"
     return said if found.surprise >= CERTAIN else f"{said}, in a model that cannot have made this log (see the alarm)"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +17,9 @@ PARTIAL = ".partial-"
 """Begins the name of every file that is still being written."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+LEAST_ROOM = 2**20
+"""Free bytes of a disk below which a file that grows is not written on."""
 
 _waiting: ContextVar[dict[Path, Path] | None] = ContextVar("_waiting", default=None)
 """Destination -> what will replace it, within :func:`together`."""
@@ -123,3 +127,15 @@ def _flush(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def check_room(file: Path) -> None:
+    """Refuse to write on where the disk is full, for a writer of somebody else that would wait for ever.
+
+    Raises:
+        DiskFull: fewer than ``LEAST_ROOM`` bytes are free.
+    """
+    if shutil.disk_usage(file.parent).free < LEAST_ROOM:
+        raise DiskFull(
+            f"cannot be written: {os.strerror(errno.ENOSPC)}", "make room, or choose another folder", where=str(file)
+        )

@@ -112,7 +112,8 @@ def quantiles_of(record: Record, parameter: str) -> tuple[float, float, float]:
 def _lead(last: Record, inferred: bool) -> str:
     simulated = f", {last.simulated} for the belief" if last.simulated else ""
     alone = "" if inferred else "; the policy learnt alone, nothing was inferred"
-    return f"{last.step} steps, {last.frames} simulated frames for the policy{simulated}{alone}"
+    figures = "".join(f"; {name} {value:.4g}" for name, value in last.figures.items())
+    return f"{last.step} steps, {last.frames} simulated frames for the policy{simulated}{alone}{figures}"
 
 
 def _head(inferred: bool) -> list[str]:

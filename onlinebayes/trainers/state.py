@@ -124,6 +124,7 @@ class OnlineState:
 
     def complete(self, seconds: dict[str, float], inferred: Inferred | None) -> None:
         """Write the record of the outer step under way and begin the next."""
+        belief, quantiles = described(self.belief)
         record = Record(
             step=self.step + 1,
             frames=self.frames,
@@ -131,8 +132,8 @@ class OnlineState:
             seconds={**self.aside, **seconds},
             losses=dict(self.losses) if self.batches else {},
             notes=tuple(self.notes),
-            belief=moments(self.belief),
-            quantiles=quantiles(self.belief),
+            belief=belief,
+            quantiles=quantiles,
             grown=tuple(f"{effect['name']}@{effect['target']}" for effect in self.effects),
         )
         if inferred is not None:
@@ -198,27 +199,15 @@ def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
     return copied
 
 
-def moments(belief: Belief) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of each parameter [SI], by draws with a fixed seed."""
-    if not len(belief.space):
-        return {}
-    draws = _draws(belief)
-    each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
-    return dict(zip(belief.space.names, each, strict=True))
-
-
-def quantiles(belief: Belief) -> dict[str, tuple[float, float, float]]:
-    """5 %, 50 % and 95 % of each parameter [SI], by the same draws."""
-    if not len(belief.space):
-        return {}
-    draws = _draws(belief)
-    low, middle, high = torch.quantile(draws, draws.new_tensor([0.05, 0.5, 0.95]), dim=0)
-    each = zip(low.tolist(), middle.tolist(), high.tolist(), strict=True)
-    return dict(zip(belief.space.names, each, strict=True))
-
-
-def _draws(belief: Belief) -> Float[Tensor, "M P"]:
-    return belief.sample((4000,), torch.Generator().manual_seed(0))
+def described(belief: Belief) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float, float]]]:
+    """Mean and standard deviation, and 5 %, 50 % and 95 %, of each parameter [SI], by draws with a fixed seed."""
+    names = belief.space.names
+    if not names:
+        return {}, {}
+    draws = belief.sample((4000,), torch.Generator().manual_seed(0))
+    low, middle, high = torch.quantile(draws, draws.new_tensor([0.05, 0.5, 0.95]), dim=0).tolist()
+    moments = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
+    return dict(zip(names, moments, strict=True)), dict(zip(names, zip(low, middle, high, strict=True), strict=True))
 
 
 def mean_of(record: Record, space: ParameterSpace) -> Float[Tensor, " P"]:

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from envs.driven_pendulum import Protocol
 from onlinebayes.cli.summary import summary
-from onlinebayes.criticism import Criticism, Question, worlds_of
-from onlinebayes.inference import BoxUniform, TruncatedMixture
+from onlinebayes.criticism import Criticism, ModelMixture, Question, worlds_of
+from onlinebayes.inference import BoxUniform
 from onlinebayes.problems import criticise, load_problem
 from onlinebayes.report import write_report
 from onlinebayes.runs import write_atomic
@@ -114,8 +114,7 @@ def run(seed: int, out: Path, budget: Budget) -> Outcome:
     _title("4. refine: add it, refit, until nothing more is missing")
     criticism = command("refine", problem, out / "refine")
     _title("5. What the runs say of each model's parameters; policies in worlds drawn from that, equal budgets")
-    models = ((problem, compared), (out / "refine" / "refined.toml", criticism))
-    wrong, mended = branches(models, made.truth, seed, budget, out)
+    wrong, mended = branches((worlds_of(compared), worlds_of(criticism)), made.truth, seed, budget, out)
     outcome = Outcome(seed, made.truth, criticism, wrong, mended, time.monotonic() - start)
     write_atomic(out / "demo.json", json.dumps(as_json(outcome), indent=1) + "\n")
     return outcome
@@ -132,12 +131,12 @@ def command(name: Question, problem_file: Path, out: Path) -> Criticism:
 
 
 def branches(
-    models: Sequence[tuple[Path, Criticism]], truth: Mapping[str, float], seed: int, budget: Budget, out: Path
+    models: Sequence[ModelMixture], truth: Mapping[str, float], seed: int, budget: Budget, out: Path
 ) -> tuple[Branch, Branch]:
-    """:func:`branch` for the wrong and the mended model, each a problem file and what was found with it."""
+    """:func:`branch` for the wrong and the mended model."""
     jobs = [
-        (problem, worlds_of(found).belief, dict(truth), seed, budget, name, out / FOLDERS[name])
-        for (problem, found), name in zip(models, (WRONG, MENDED), strict=True)
+        (worlds, dict(truth), seed, budget, name, out / FOLDERS[name])
+        for worlds, name in zip(models, (WRONG, MENDED), strict=True)
     ]
     if budget.processes == 1:
         wrong, mended = (branch(*job) for job in jobs)
@@ -148,20 +147,12 @@ def branches(
         return first.result(), second.result()
 
 
-def branch(
-    problem_file: Path,
-    belief: TruncatedMixture,
-    truth: Mapping[str, float],
-    seed: int,
-    budget: Budget,
-    name: str,
-    out: Path,
-) -> Branch:
-    """Policy and episodes on the rig for the model of one problem file in worlds of a belief, recorded in ``out``."""
+def branch(worlds: ModelMixture, truth: Mapping[str, float], seed: int, budget: Budget, name: str, out: Path) -> Branch:
+    """Policy and episodes on the rig for the worlds that the runs leave open under one model, recorded in ``out``."""
     torch.set_num_threads(1)
     logging.getLogger("torchrl").setLevel(logging.WARNING)
-    say, space = _teller(name), belief.space
-    balancing, objective = learner(load_problem(problem_file).simulator, belief, budget.training, seed)
+    say, belief, space = _teller(name), worlds.belief, worlds.space
+    balancing, objective = learner(worlds.simulator, belief, budget.training, seed)
     shown = player(balancing, objective.policy, truth)
     files = PolicyFiles(out, "demo", objective, balancing)
     with Journal(out, "demo", BoxUniform(space), shown, known(space, truth), say=say, watchers=(files,)) as journal:

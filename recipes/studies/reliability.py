@@ -125,6 +125,8 @@ def learn(cases: Sequence[Judged]) -> None:
         "statements": len(said),
         "intervals": len(off),
         "coefficients": logistic(x, right).tolist(),
+        "low": x.amin(0).tolist(),
+        "high": x.amax(0).tolist(),
         "factor": factor,
     }
     write_atomic(LEARNT, json.dumps(told, indent=1) + "\n")

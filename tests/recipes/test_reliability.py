@@ -89,3 +89,13 @@ def test_equals_are_one_statement() -> None:
     (one,) = statements(judged)
     assert one.right == (False, True)
     assert statements(Judged("swing", "null", 1)) == []
+
+
+def test_what_no_case_showed_says_no_more_than_the_farthest_that_one_did(learnt: Path) -> None:
+    """A real machine that leaves a thousand times its noise is as probable as a blind one that leaves the most."""
+    found = cases(200, torch.Generator().manual_seed(1))
+    learn(found)
+    most = max(fields["left"] for case in found for fields in case.named)
+    one = said(torch.Generator().manual_seed(4))
+    assert probability(replace(one, left=1e4)) == pytest.approx(probability(replace(one, left=most)))
+    assert probability(replace(one, left=1.0)) > probability(replace(one, left=most))

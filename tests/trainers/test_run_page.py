@@ -13,7 +13,7 @@ from onlinebayes.inference import BoxUniform
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers.provenance import made_by
 from onlinebayes.trainers.run_page import notes_of, quantiles_of
-from onlinebayes.trainers.state import Record, moments, quantiles
+from onlinebayes.trainers.state import Record, described
 
 
 def record(step: int, *notes: str) -> Record:
@@ -54,4 +54,4 @@ def test_the_page_says_how_the_run_was_made(tmp_path: Path) -> None:
 
 def test_a_belief_about_no_parameter_has_no_moments_and_no_quantiles() -> None:
     nothing = BoxUniform(ParameterSpace())
-    assert (moments(nothing), quantiles(nothing)) == ({}, {})
+    assert described(nothing) == ({}, {})

@@ -5,7 +5,8 @@ those of the final model and its fitted rivals; an equal that was not fitted wei
 
     p(one of them) = 1 / (1 + e^-(b . x)),      p(a name) = its weight p(one of them)
 
-within 1 / (N + 2) of 0 and 1, N the number of statements that b was learnt on (Laplace's rule of succession).
+within 1 / (N + 2) of 0 and 1, N the number of statements that b was learnt on (Laplace's rule of succession). Each x is
+cut to the range that it was learnt over: a real machine leaves a thousand times its noise, and no blind case does.
 
 The coefficients b are learnt on blind cases, see ``learnt.json`` beside this file: it names the command that made it.
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -78,10 +79,18 @@ class Learnt:
     Args:
         coefficients: b.
         statements: number of statements that they were learnt on.
+        low, high: of each x among these.
     """
 
     coefficients: tuple[float, ...]
     statements: int
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    def log_odds(self, x: Sequence[float]) -> float:
+        """b . x, x cut to what was seen."""
+        seen = (min(max(value, low), high) for value, low, high in zip(x, self.low, self.high, strict=True))
+        return sum(b * value for b, value in zip(self.coefficients, seen, strict=True))
 
 
 @cache
@@ -94,7 +103,7 @@ def learnt() -> Learnt:
     if not LEARNT.exists():
         raise BadInput(f"{LEARNT.name} is missing", "run python -m recipes.studies.reliability --learn")
     told = json.loads(LEARNT.read_text(encoding="utf-8"))
-    return Learnt(tuple(told["coefficients"]), told["statements"])
+    return Learnt(tuple(told["coefficients"]), told["statements"], tuple(told["low"]), tuple(told["high"]))
 
 
 def probability(said: Named) -> float:
@@ -103,7 +112,7 @@ def probability(said: Named) -> float:
     N statements that were all right, or all wrong, would say (N + 1) / (N + 2) or 1 / (N + 2): nothing more certain.
     """
     known = learnt()
-    p = 1 / (1 + math.exp(-sum(b * x for b, x in zip(known.coefficients, evidence(said), strict=True))))
+    p = 1 / (1 + math.exp(-known.log_odds(evidence(said))))
     least = 1 / (known.statements + 2)
     return min(max(p, least), 1 - least)
 
