@@ -38,8 +38,7 @@ from torchrl.record.loggers import Logger
 from onlinebayes.loggers import charts, layout
 from onlinebayes.loggers.shapes import alike, archetype
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
-from onlinebayes.runs.files import check_room
+from onlinebayes.runs import BadInput, check_room
 from onlinebayes.runs.recordings import copy_whole, whole_bytes
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.drawing import View, view_of

@@ -26,8 +26,7 @@ from jaxtyping import Shaped
 from torch import Tensor
 from torchrl.record.loggers import Logger
 
-from onlinebayes.runs import BadInput
-from onlinebayes.runs.files import check_room
+from onlinebayes.runs import BadInput, check_room
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

@@ -5,7 +5,7 @@ from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.digest import NoDigest, digest, source_digest
 from onlinebayes.runs.errors import BadInput, DiskFull, UnknownName
-from onlinebayes.runs.files import atomic_path, together, write_atomic
+from onlinebayes.runs.files import atomic_path, check_room, together, write_atomic
 from onlinebayes.runs.interrupt import Grace, Interrupt, Stopped, giving_up, heed
 from onlinebayes.runs.lock import Lock, NoLocks
 from onlinebayes.runs.memo import FolderMemo, Kept, Memo, NoMemo, remembered, users_memo
@@ -54,6 +54,7 @@ __all__ = [
     "UnknownName",
     "Watch",
     "atomic_path",
+    "check_room",
     "commit",
     "cores",
     "digest",
