@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,13 @@ def test_bad_places_are_named(tmp_path: Path) -> None:
         RerunLogger("run", tmp_path / "file" / "sub")
     with pytest.raises(BadInput, match="slash"):
         RerunLogger("a/b", tmp_path)
+
+
+def test_a_full_disk_is_said_and_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    logger = RerunLogger("run", tmp_path)
+    logger.log_scalar("return", 1.0)
+    room = shutil.disk_usage(tmp_path)
+    with monkeypatch.context() as full:
+        full.setattr(shutil, "disk_usage", lambda _: room._replace(free=1000))
+        with pytest.raises(BadInput, match="cannot be written: No space left on device; make room"):
+            logger.shutdown()
