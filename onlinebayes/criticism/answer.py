@@ -289,9 +289,10 @@ def _widened(found: Evaluation) -> dict[str, WidenedBounds]:
         if isinstance(addition, FreedNumber):
             own = float(found.fitted.simulator.nominal[space.index(addition.address)])
             wide[addition.address] = WidenedBounds((own, own), _ends(space[addition.address]))
-        elif isinstance(addition, WiderBounds) and addition.name not in wide:
-            before = (addition.before.low, addition.before.high)
-            wide[addition.name] = WidenedBounds(before, _ends(space[addition.name]))
+        elif isinstance(addition, WiderBounds):
+            for one in addition.ranges:
+                before = (one.before.low, one.before.high)
+                wide.setdefault(one.name, WidenedBounds(before, _ends(space[one.name])))
     return wide
 
 

@@ -217,9 +217,9 @@ def bounds(result: Criticism) -> list[str]:
         low, high = (quantities.exact(value, result.parameters[name].unit) for value in widened.before)
         wide = ", ".join(f"{value:g}" for value in widened.after)
         sentences.append(
-            f"The data ask for {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that can be, "
-            f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it. The '
-            "held-out error after is that of the model with this bound widened."
+            f"The data ask for {name} = {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that "
+            f'can be, write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts '
+            "like it. The held-out error after is that of the model with all such bounds widened."
         )
     return sentences
 

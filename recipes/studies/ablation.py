@@ -43,6 +43,10 @@ def _kept(explanation: Any, *_: Any) -> tuple[Any, tuple[str, ...]]:
     return explanation, ()
 
 
+def _one_by_one(*args: Any) -> tuple[additions.WiderBounds, ...]:
+    return tuple(additions.WiderBounds((one,)) for wider in additions.wider_bounds(*args) for one in wider.ranges)
+
+
 RULES: Mapping[str, Callable[[], None]] = {
     WHOLE: lambda: None,
     "integration with a margin of stability": lambda: setattr(discretisation, "MARGIN", math.inf),
@@ -52,6 +56,7 @@ RULES: Mapping[str, Callable[[], None]] = {
     "one law at all places": lambda: setattr(search, "at_every_place", lambda *_: iter(())),
     "what may be nothing goes": lambda: setattr(answer, "determined", _kept),
     "held-out runs take out": lambda: setattr(answer, "uncontradicted", _kept),
+    "bounds are widened together": lambda: setattr(search, "wider_bounds", _one_by_one),
     "rivals far behind are given up": lambda: setattr(search, "RIVALS_MARGIN", 1e9),
 }
 """Rule -> takes it out of the process that it is called in; each job has a process of its own."""

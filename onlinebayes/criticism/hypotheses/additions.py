@@ -161,17 +161,39 @@ class OwnValues:
 
 
 @dataclass(frozen=True)
-class WiderBounds:
-    """A parameter whose fit lies on a bound, with a wider one."""
+class WiderRange:
+    """A parameter's bounds, and wider ones."""
 
     name: str
     before: Parameter
     after: Parameter
 
+    def start(self) -> Start:
+        """A little beyond the old bound."""
+        before, after = self.before, self.after
+        up = after.high > before.high
+        bound, end = (before.high, after.high) if up else (before.low, after.low)
+        step = DIFFERENCE * (before.high - before.low) * (1 if up else -1)
+        return Start({self.name: bound + step}, (self.name,), bound, step, 0.0, (end - bound) / step)
+
+    def used(self, values: Mapping[str, float]) -> bool:
+        """Check whether a fitted model has a value outside the old bounds; ``values``: by name [SI]."""
+        return not self.before.low <= values[self.name] <= self.before.high
+
+
+@dataclass(frozen=True)
+class WiderBounds:
+    """Parameters whose fit lies on a bound, each with a wider one, all at once.
+
+    One bound can hold the others back: torques, masses and frictions that grow by one factor leave the motion as it is.
+    """
+
+    ranges: tuple[WiderRange, ...]
+
     @property
     def key(self) -> str:
-        """``bounds of`` its name."""
-        return f"bounds of {self.name}"
+        """``bounds of`` their names."""
+        return f"bounds of {' and '.join(one.name for one in self.ranges)}"
 
     @property
     def rank(self) -> int:
@@ -180,18 +202,21 @@ class WiderBounds:
 
     def joined(self, simulator: Identifiable, runs: Sequence[str]) -> Identifiable:
         """The simulator with the wider bounds."""
-        return simulator.with_bounds(self.name, self.after)
+        for one in self.ranges:
+            simulator = simulator.with_bounds(one.name, one.after)
+        return simulator
 
     def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
-        """A little beyond the bound."""
-        up = self.after.high > self.before.high
-        bound, end = (self.before.high, self.after.high) if up else (self.before.low, self.after.low)
-        step = DIFFERENCE * (self.before.high - self.before.low) * (1 if up else -1)
-        return (Start({self.name: bound + step}, (self.name,), bound, step, 0.0, (end - bound) / step),)
+        """One for each, a little beyond its bound."""
+        return tuple(one.start() for one in self.ranges)
+
+    def used(self, values: Mapping[str, float]) -> WiderBounds:
+        """Those that a fitted model needs, or all where it needs none; ``values``: by name [SI]."""
+        return WiderBounds(tuple(one for one in self.ranges if one.used(values)) or self.ranges)
 
 
 def wider_bounds(simulator: Simulator, values: Mapping[str, float]) -> tuple[WiderBounds, ...]:
-    """For every parameter whose fitted value lies on a bound that may be another.
+    """The wider bounds of all parameters whose fitted value lies on a bound that may be another; none without.
 
     A bound at zero stays (friction, mass and time are never negative), a positive low one goes down to a tenth, or to
     nothing where the machine may lack what the number says. Constants of nature (``option.*``) stay: a free fall in air
@@ -208,12 +233,12 @@ def wider_bounds(simulator: Simulator, values: Mapping[str, float]) -> tuple[Wid
         if name.startswith("option.") or "@" in name:
             continue
         if value >= before.high - ON_BOUND * width:
-            found.append(WiderBounds(name, before, replace(before, high=before.high + WIDER * width)))
+            found.append(WiderRange(name, before, replace(before, high=before.high + WIDER * width)))
         elif value <= before.low + ON_BOUND * width and before.low != 0:
             nothing = 0.0 if name.endswith(PASSIVE) else before.low / WIDER
             low = nothing if before.low > 0 else before.low - WIDER * width
-            found.append(WiderBounds(name, before, replace(before, low=low)))
-    return tuple(found)
+            found.append(WiderRange(name, before, replace(before, low=low)))
+    return (WiderBounds(tuple(found)),) if found else ()
 
 
 def _with_own(simulator: Identifiable, key: str, physics: Identifiable, runs: Sequence[str]) -> ScopedSimulator:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, WiderBounds
 from onlinebayes.criticism.hypotheses.screening import Prediction
 from onlinebayes.identification.judging.evaluator import Evaluation
 from onlinebayes.identification.judging.hypothesis import Addition
@@ -55,6 +55,19 @@ class Round:
     def equals(self) -> tuple[Addition, ...]:
         """The additions that cannot be told from what was added."""
         return (*(trial.addition for trial in self.equal), *self.alike)
+
+
+def without_unused_bounds(found: Round) -> Round:
+    """With wider bounds for those parameters alone that lie outside the old ones, once they are fitted."""
+    tried, screened = list(found.tried), list(found.screened)
+    for k, trial in enumerate(tried):
+        if not isinstance(trial.addition, WiderBounds):
+            continue
+        needed = trial.addition.used(trial.evaluation.values)
+        hypothesis = found.begun.hypothesis.plus(needed)
+        tried[k] = replace(trial, addition=needed, evaluation=replace(trial.evaluation, hypothesis=hypothesis))
+        screened = [replace(one, addition=needed) if one.addition == trial.addition else one for one in screened]
+    return replace(found, tried=tuple(tried), screened=tuple(screened))
 
 
 @dataclass(frozen=True, eq=False)

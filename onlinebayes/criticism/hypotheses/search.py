@@ -19,7 +19,15 @@ from functools import partial
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
-from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, at_end, simplest_of_equals, so_far
+from onlinebayes.criticism.hypotheses.rounds import (
+    Move,
+    Round,
+    Trial,
+    at_end,
+    simplest_of_equals,
+    so_far,
+    without_unused_bounds,
+)
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 from onlinebayes.identification.judging.evaluator import (
@@ -236,7 +244,7 @@ class Search:
         tried = self.tried(here, asked[:1], math.inf)
         # What the first one gains is what the others have to come near to.
         tried += self.tried(here, asked[1:], _wanted(here, tried))
-        return Round(here, screened, tuple(tried), silent=silent)
+        return without_unused_bounds(Round(here, screened, tuple(tried), silent=silent))
 
     def tried(self, here: Evaluation, predictions: Sequence[Prediction], wanted: float) -> list[Trial]:
         """Each of some additions, fitted from where screening looked; without those that cannot be followed.
