@@ -133,6 +133,9 @@ versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (fo
 survival: setup  ## a run killed at twenty random moments ends as if it had not been -> docs/results/survival.json
 	$(BIN)/python -m recipes.studies.survival --out $(OUT)/survival
 
+.PHONY: pixels
+pixels: setup    ## a pendulum's parameters from frames under changing light, beside those from its states (ten minutes) -> docs/results/pixels.json
+	$(BIN)/python -m recipes.studies.pixels --out $(OUT)/pixels
 effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
 	$(BIN)/python -m recipes.studies.effect_pages
 

@@ -71,19 +71,33 @@ def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:
 def amortised(task: str, name: str) -> dict[str, Any]:
     """One estimator on one system: for each n the log densities and both credibilities of all truths."""
     draw = begun(SEED)
-    one = OneRound.of(task, SEED, NOISE)
-    simulated, judged = one.simulated(SIMULATIONS), one.groups(THETAS, max(SIZES), 3)
-    combined_by = one.groups(COMBINED_BY, max(SIZES), 2)
+    return judged(OneRound.of(task, SEED, NOISE), name, SIMULATIONS, THETAS, SIZES, draw)
+
+
+def judged(
+    one: OneRound, name: str, simulations: int, thetas: int, sizes: tuple[int, ...], draw: torch.Generator
+) -> dict[str, Any]:
+    """The same of any system.
+
+    Args:
+        one: the system and an untrained policy.
+        name: of the estimator.
+        simulations, thetas: to fit on, and to judge by.
+        sizes: numbers of trajectories n of one theta.
+        draw: random numbers of the fit and of the judges.
+    """
+    simulated, told = one.simulated(simulations), one.groups(thetas, max(sizes), 3)
+    combined_by = one.groups(COMBINED_BY, max(sizes), 2)
     estimator = ESTIMATORS[name](one, simulated)
     began = process_time()
     estimator.fit(simulated, generator=draw)
     result: dict[str, Any] = {"seconds": process_time() - began}
-    theta = judged["theta"][:, 0, 0]
-    for n in SIZES:
+    theta = told["theta"][:, 0, 0]
+    for n in sizes:
         if isinstance(estimator, NeuralEstimator):
             estimator.calibrate(combined_by[:, :n], generator=draw)
             result[f"combination {n}"] = str(estimator.combination)
-        posterior = estimator.each(judged[:, :n])
+        posterior = estimator.each(told[:, :n])
         result[f"density {n}"] = posterior.log_prob(theta).tolist()
         result[f"region {n}"] = credibility_of(posterior, theta, generator=draw).tolist()
         result[f"ball {n}"] = ball_credibility(posterior, theta, one.problem.space, generator=draw).tolist()
