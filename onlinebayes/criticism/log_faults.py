@@ -13,6 +13,7 @@ measured value are left out of both scores.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -151,7 +152,8 @@ def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Me
     if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
         return None  # of two faults that pass, each has more than half: they share a window
     anew = evaluator.of_table(given, windows)
-    found = anew.evaluate(FitRequest(here.hypothesis, [here.values, {}], most=FIRST_STEPS))
+    wanted = here.fitted.score - LEAST_GAIN if windows.count == evaluator.windows.count else math.inf
+    found = anew.evaluate(FitRequest(here.hypothesis, [here.values, {}], most=FIRST_STEPS, wanted=wanted))
     if found is not None and found.gains(here)[0].gain >= LEAST_GAIN:
         found = anew.anew(found)  # what gains nothing by then is no fault
     return None if found is None else CorrectedLog(fault, (), anew, found, found.gains(here))

@@ -41,8 +41,9 @@ def with_original_integrator(evaluator: Evaluator, here: Evaluation) -> tuple[Ev
 
 def _followed(other: Evaluator, here: Evaluation) -> Evaluation | None:
     """The same hypothesis integrated otherwise, where that is far better."""
-    begun = other.evaluate(FitRequest(here.hypothesis, [here.values], here.fitted.lin.starts, most=FIRST_STEPS))
-    if begun is None or begun.fitted.score > here.fitted.score - LEAST_GAIN:
+    wanted, starts = here.fitted.score - LEAST_GAIN, here.fitted.lin.starts
+    begun = other.evaluate(FitRequest(here.hypothesis, [here.values], starts, most=FIRST_STEPS, wanted=wanted))
+    if begun is None or begun.fitted.score > wanted:
         return None  # a model that is right in this way needs no long walk
     evaluation = other.anew(begun)
     return evaluation if evaluation is not None and _far_better(evaluation, here) else None

@@ -103,7 +103,8 @@ def fit(
         starts: where the windows' starts begin; the smoothed ones when None.
         rough: the simulator by which derivatives are taken; the same when None.
         most: steps.
-        wanted: a score; the fit is given up where the steps that are left would not come down to it at its pace.
+        wanted: a score; the fit is given up where the steps that are left would not come down to it at its pace, and its
+            derivatives are then those of an earlier step.
 
     Raises:
         BadInput: the replay diverges where it begins.
@@ -116,9 +117,11 @@ def fit(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    fresh = True
+    fresh, gained = True, 0.0
     for left in reversed(range(most)):
         promise = _promise(windows, here)
+        if here.score - (left + 1) * max(promise, gained) > wanted:
+            return here
         if promise + _start_promise(windows, here) < SETTLED:
             if fresh:
                 break
@@ -128,8 +131,10 @@ def fit(
         gained = here.score - there.score
         settled, fresh = fresh and gained < SETTLED, gained < max(SETTLED, PROMISE_KEPT * promise)
         here = there
-        if settled or here.score - left * max(promise, gained) > wanted:
+        if settled:
             break
+        if here.score - left * max(promise, gained) > wanted:
+            return here
         if fresh:  # old derivatives lead no further
             here = _linearised(*models, windows, here.theta, here.lin.starts) or here
     return here if fresh else _linearised(*models, windows, here.theta, here.lin.starts) or here
