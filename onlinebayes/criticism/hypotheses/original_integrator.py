@@ -7,7 +7,8 @@ Models are integrated finely enough that no law is blamed for what an integrator
 that a simulator wrote has that simulator's own step, its soft friction and its moments of inertia: there the model is
 right as it is, and a better integrator errs. Most engines step by a method of first order, whatever the model's file
 asks for. What such a step errs by may be within the noise and still move every parameter, so that it is asked of a
-model that leaves little more than noise, too.
+model that leaves little more than noise, too. Moments that follow the masses are no integrator but a guess about the
+bodies: they are believed only where no more than noise is left, for a rotor's inertia that is off looks like them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,13 @@ from dataclasses import replace
 from functools import partial
 
 from onlinebayes.identification.fitting.discretisation import Discretisation
-from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator, FitRequest
+from onlinebayes.identification.judging.evaluator import (
+    FIRST_STEPS,
+    Evaluation,
+    Evaluator,
+    FitRequest,
+    at_noise_floor,
+)
 from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, explains_half
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.runs import side_by_side
@@ -46,7 +53,9 @@ def _followed(other: Evaluator, here: Evaluation) -> Evaluation | None:
     if begun is None or begun.fitted.score > wanted:
         return None  # a model that is right in this way needs no long walk
     evaluation = other.anew(begun)
-    return evaluation if evaluation is not None and _far_better(evaluation, here) else None
+    if evaluation is None or (other.discretisation.values.scaled_moments and not at_noise_floor(evaluation)):
+        return None  # denser bodies are no integrator: a rotor's inertia that is off would be taken for them
+    return evaluation if _far_better(evaluation, here) else None
 
 
 def _above_noise(here: Evaluation) -> float:
