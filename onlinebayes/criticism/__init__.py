@@ -10,7 +10,6 @@ from onlinebayes.criticism.checking import FALSE_ALARMS, Change, Check, Drift, c
 from onlinebayes.criticism.commands import BUDGET_S, compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
-from onlinebayes.criticism.findings.doubts import held_out_gain
 from onlinebayes.criticism.findings.named import Named, evidence, names_said, probability
 from onlinebayes.criticism.hypotheses.additions import wider_bounds
 from onlinebayes.criticism.hypotheses.explanation import (
@@ -125,7 +124,6 @@ __all__ = [
     "grown",
     "grown_theta",
     "held_out_errors",
-    "held_out_gain",
     "joined",
     "kept_fit",
     "mixture_of",

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.criticism import Criticism
-from onlinebayes.criticism.findings.contradicted import uncontradicted
+from onlinebayes.criticism.findings.contradicted import Uncontradicted, uncontradicted
 from onlinebayes.criticism.findings.delays import ahead_of_commands, located_delays
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.file_error import error_of_file
@@ -85,12 +85,12 @@ def answered(
         "asking what may be nothing", lambda: determined(explanation, task.selection.folds), nothing_gone
     )
     stopwatch("asking the held-out runs what to keep")
-    as_it_is: tuple[Explanation, tuple[str, ...]] = (explanation, ())
-    explanation, contradicted = made(
+    asked_held = made(
         "asking the held-out runs what to keep",
         lambda: uncontradicted(explanation, task.held_runs, task.selection.horizon_s),
-        as_it_is,
+        Uncontradicted(explanation),
     )
+    explanation, contradicted = asked_held.explanation, asked_held.gone
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
     windows = explanation.windows
@@ -113,7 +113,7 @@ def answered(
     doubted: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
     if fault is None:
-        doubted = made("doubting what was found", lambda: tuple(doubts(explanation, error)), ())
+        doubted = made("doubting what was found", lambda: tuple(doubts(explanation, asked_held.gain)), ())
         verdict = decide(
             explanation, numerics, before, after, task.selection.tolerance, enough=not asked, doubted=bool(doubted)
         )
@@ -172,6 +172,7 @@ def answered(
         notes=(*doubted, *map(_worse, contradicted), *map(_nothing, undetermined), *task.notes, *said),
         fleet=made("what the units have in common", lambda: fleets_of(final_model), {}) if fault is None else {},
         contradicted=contradicted,
+        held_out_gain=asked_held.gain,
         widened=made("the bounds that exclude the truth", lambda: _widened(found), {}),
         detail=detail,
         timings=stopwatch.timings(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -65,6 +66,7 @@ class Criticism:
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
         fleet: address -> how far it differs between units, and what the next unit's may be; of the final model.
         contradicted: what was added and taken out again, for the held-out error rises with it.
+        held_out_gain: of what stayed, over the base model on the held-out runs [nats]; not a number without any.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
         delays: what was found that delays something, and at which stages this log would let it be.
         file_error: signal -> held-out error of the final model as a file of its engine holds it, from ``refine``; empty
@@ -107,6 +109,7 @@ class Criticism:
     hypotheses: tuple[WeightedModel, ...] = ()
     fleet: Mapping[str, Fleet] = field(default_factory=dict)
     contradicted: tuple[str, ...] = ()
+    held_out_gain: float = math.nan
     failed: tuple[str, ...] = ()
     delays: tuple[LocatedDelay, ...] = ()
     file_error: Mapping[str, float] = field(default_factory=dict)

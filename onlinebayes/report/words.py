@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from onlinebayes.criticism import Criticism, held_out_gain
+from onlinebayes.criticism import Criticism
 from onlinebayes.identification import LEAST_GAIN, address_of, quantities
 from onlinebayes.report import region_words
 from onlinebayes.report.candidate_words import tie_members
@@ -104,7 +104,7 @@ def _misses(result: Criticism) -> str:
 def _does(result: Criticism) -> str:
     """Describe the effects that were added and explain too little."""
     one = len(result.accepted) == 1
-    if held_out_gain(result.heldout_error) < LEAST_GAIN:
+    if result.held_out_gain < LEAST_GAIN:
         return f"{'fits the runs it was' if one else 'fit the runs they were'} fitted to, and not the held-out ones"
     return f"{'helps' if one else 'help'}, but not enough"
 

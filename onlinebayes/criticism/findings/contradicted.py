@@ -3,18 +3,17 @@
     while some a in h:   S_held(h - a) <= S_held(h)      h <- the h - a of the least S_held
 
 S_held is the score of the held-out windows, as long as those of the reported error, each from its best start
-(:mod:`..judging.held_out`), in nats. An addition
-may fit what it was fitted to for a wrong reason; on runs that it has not seen it costs more than it brings then.
+(:mod:`..judging.held_out`), in nats. An addition may fit what it was fitted to for a wrong reason; on runs that it has
+not seen it costs more than it brings then. What stays gains S_held(base) - S_held(h).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
-from onlinebayes.criticism.findings.doubts import score_of
 from onlinebayes.criticism.hypotheses.additions import OwnValues
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
@@ -24,8 +23,23 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import side_by_side
 
 
-def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) -> tuple[Explanation, tuple[str, ...]]:
-    """Remove the additions that the held-out runs contradict from what was found; return their keys, too.
+@dataclass(frozen=True, eq=False)
+class Uncontradicted:
+    """What the held-out runs leave of an explanation.
+
+    Args:
+        explanation: without what they contradict.
+        gone: keys of that.
+        gain: of what stays, over the base model [nats]; not a number where nothing stays or nothing is known.
+    """
+
+    explanation: Explanation
+    gone: tuple[str, ...] = ()
+    gain: float = math.nan
+
+
+def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) -> Uncontradicted:
+    """Remove the additions that the held-out runs contradict from what was found.
 
     Args:
         explanation: what the fit runs say.
@@ -33,7 +47,9 @@ def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) 
         horizon: length of the windows over which their error is reported [s].
     """
     found, evaluator, gone = explanation.found, explanation.evaluator, list[str]()
-    score = _score(evaluator, found, held, horizon) if found is not explanation.base else 0.0
+    if found is explanation.base:
+        return Uncontradicted(explanation)
+    score = _score(evaluator, found, held, horizon)
     while keys := [one.key for one in found.hypothesis.additions if not isinstance(one, OwnValues)]:
         simpler = side_by_side([partial(_without, explanation, found, key, held, horizon) for key in keys])
         key, best, least = min(
@@ -43,9 +59,11 @@ def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) 
             break
         found, score = best, least
         gone.append(key)
-    if not gone:
-        return explanation, ()
-    return replace(explanation, found=found, rivals=rivals_without(explanation, found, gone)), tuple(gone)
+    if gone:
+        explanation = replace(explanation, found=found, rivals=rivals_without(explanation, found, gone))
+    if found is explanation.base:
+        return Uncontradicted(explanation, tuple(gone))
+    return Uncontradicted(explanation, tuple(gone), _score(evaluator, explanation.base, held, horizon) - score)
 
 
 def rivals_without(explanation: Explanation, found: Evaluation, gone: Sequence[str]) -> tuple[Evaluation, ...]:
@@ -78,4 +96,4 @@ def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement, hori
     names = [evaluator.given.signals[column] for column in evaluator.windows.columns]
     floors = dict(zip(names, evaluator.windows.noise.tolist(), strict=True))
     errors = held_out_errors(evaluator, evaluation, held, horizon)
-    return sum(score_of(error / floors[name]) for name, error in errors.items())
+    return sum(0.5 * math.log1p((error / floors[name]) ** 2) for name, error in errors.items() if not math.isnan(error))

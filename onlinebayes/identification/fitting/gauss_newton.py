@@ -103,7 +103,7 @@ def fit(
         starts: where the windows' starts begin; the smoothed ones when None.
         rough: the simulator by which derivatives are taken; the same when None.
         most: steps.
-        wanted: a score; the fit is given up where the steps that are left would not come down to it at its pace, and its
+        wanted: a score; the fit is given up where the steps that are left would not come down to it at its pace. Its
             derivatives are then those of an earlier step.
 
     Raises:
