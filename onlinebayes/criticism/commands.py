@@ -254,10 +254,11 @@ def _answers(
         if fault is not None and (fault.certain or (most and fault.as_good_as(found.found, found.base))):
             answers.append(replace(answers[-1], fault=fault))  # with no law asked only what leaves noise is believed
     with watch.giving_up(), attempts.attempt("fitting to all windows"):
-        watch.say("fitting to all windows")
-        # Longer windows would say more of parameters that are wrong, where nothing explains the misfit.
-        whole = found.on_all_windows(answers[-1].task.fit_runs, doubled=found.explains)
-        answers.append(replace(answers[-1], explanation=settled(whole)))
+        # Where nothing explains the misfit, more of the data says no more of parameters that are wrong.
+        if found.explains:
+            watch.say("fitting to all windows")
+            found = found.on_all_windows(answers[-1].task.fit_runs)
+        answers.append(replace(answers[-1], explanation=settled(found)))
     return answers
 
 

@@ -61,7 +61,7 @@ class Explanation:
         """True if something was found, or nothing but noise is left to be explained."""
         return self.found is not self.base or at_noise_floor(self.found)
 
-    def on_all_windows(self, fit_runs: Measurement, *, doubled: bool = True) -> Explanation:
+    def on_all_windows(self, fit_runs: Measurement) -> Explanation:
         """With both fitted once more to all windows, where the search looked at a part of them.
 
         They are doubled as long as seven are left and what was found leaves no more over them: a longer window says far
@@ -69,10 +69,9 @@ class Explanation:
 
         Args:
             fit_runs: the runs.
-            doubled: whether longer windows are tried, too.
         """
         known, best = self.evaluator.windows, self
-        for times in (1, 2, 4, 8, 16) if doubled else (1,):
+        for times in (1, 2, 4, 8, 16):
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break

@@ -42,10 +42,13 @@ MOST_ROWS = 10_000
 MOST_EVALUATIONS = 32_000
 """Evaluations of the forces in these; a search takes some thousand replays."""
 
+MOST_FOR_DERIVATIVES = 400_000
+"""The same for a replay with the derivatives by every parameter and start: a large machine gets fewer windows."""
+
 FEW = 30
 """Windows that are looked at on the way: the length that they ask for is known to a factor of two anyway."""
 
-FIRST_STEPS = 4
+FIRST_STEPS = 2
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
 
 LOST = 0.15
@@ -178,7 +181,9 @@ def windows_of(
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
     windows = all_windows(given, measurement, horizon, noise)
-    rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
+    columns = 1 + windows.start.shape[1] + len(given.parameters)
+    evaluations = min(MOST_EVALUATIONS, MOST_FOR_DERIVATIVES / columns)
+    rows = min(MOST_ROWS, evaluations / cost(given, discretisation, windows.step))
     return thinned(windows, max(1, int(rows / windows.rows)))
 
 
