@@ -20,6 +20,7 @@ LONG = {
     "adaptive-policy",
     "from-log-to-policy",
     "ray",
+    "recurrent-policy",
     "task-for-your-mjcf",
 }  # train a policy or start workers, for a quarter of a minute
 CASES = [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in LONG else ()) for page in PAGES]
