@@ -48,7 +48,7 @@ MOST_FOR_DERIVATIVES = 400_000
 FEW = 30
 """Windows that are looked at on the way: the length that they ask for is known to a factor of two anyway."""
 
-FIRST_STEPS = 2
+FIRST_STEPS = 4
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
 
 LOST = 0.15
