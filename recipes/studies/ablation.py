@@ -27,6 +27,7 @@ from recipes.studies.blind_rigs.judging import judge, unanswered
 from recipes.studies.blind_rigs.plan import Job, jobs
 from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.jobs import check_names, each_kept_or_done, finished, record
+from recipes.studies.reliability import statements
 
 FIRST = 60_000
 """Seed of a rig's first case: none of these has been looked at."""
@@ -43,7 +44,8 @@ def _kept(explanation: Any, *_: Any) -> tuple[Any, tuple[str, ...]]:
     return explanation, ()
 
 
-def _one_by_one(*args: Any) -> tuple[additions.WiderBounds, ...]:
+def one_by_one(*args: Any) -> tuple[additions.WiderBounds, ...]:
+    """The wider bounds of each parameter by itself."""
     return tuple(additions.WiderBounds((one,)) for wider in additions.wider_bounds(*args) for one in wider.ranges)
 
 
@@ -57,7 +59,8 @@ RULES: Mapping[str, Callable[[], None]] = {
     "what may be nothing goes": lambda: setattr(answer, "determined", _kept),
     "held-out runs take out": lambda: setattr(answer, "uncontradicted", lambda found, *_: answer.Uncontradicted(found)),
     "moments are believed where noise is left": lambda: setattr(original_integrator, "at_noise_floor", lambda _: True),
-    "bounds are widened together": lambda: setattr(search, "wider_bounds", _one_by_one),
+    "large machines get fewer windows": lambda: setattr(window_length, "MOST_FOR_DERIVATIVES", math.inf),
+    "bounds are widened together": lambda: setattr(search, "wider_bounds", one_by_one),
     "rivals far behind are given up": lambda: setattr(search, "RIVALS_MARGIN", 1e9),
 }
 """Rule -> takes it out of the process that it is called in; each job has a process of its own."""
@@ -71,6 +74,12 @@ class Study:
     """which are taken out; ``nothing`` is always judged, too"""
     effects: int = 1
     """cases of each rig that hide effects"""
+    own: int = 0
+    """in which a number of the model is off"""
+    surplus: int = 0
+    """in which the model has a passive term that the machine lacks"""
+    rigs: tuple[str, ...] = tuple(RIGS)
+    """which rigs"""
     processes: int = 2
     """that share the cases"""
     minutes: float = 1.5
@@ -99,6 +108,10 @@ def tabulate(cases: Mapping[tuple[str, str], Judged], rules: Sequence[str]) -> R
         table.add(f"{name}: other answers without it", differ, spread=f"of {len(pairs)} cases")
         right, without = (sum(not (one.missed or one.ended) for one in side) for side in zip(*pairs, strict=True))
         table.add(f"{name}: right answers with it", right, spread=f"without it {without}")
+        false, others = (
+            sum(not any(said.right) for one in side for said in statements(one)) for side in zip(*pairs, strict=True)
+        )
+        table.add(f"{name}: names with it that are not in the machine", false, spread=f"without it {others}")
         spent, saved = (sum(one.seconds for one in side) for side in zip(*pairs, strict=True))
         table.add(f"{name}: processor time with it over without", spent / max(saved, 1e-9), unit="times")
     return table
@@ -108,7 +121,8 @@ def main(study: Study) -> int:
     """Judge what is not judged yet, and write the table."""
     check_names(study.rules, RULES)
     rules = tuple(dict.fromkeys((WHOLE, *study.rules)))
-    cases = jobs({"effect": study.effects}, RIGS, FIRST)
+    check_names(study.rigs, RIGS)
+    cases = jobs({"effect": study.effects, "own": study.own, "surplus": study.surplus}, study.rigs, FIRST)
     asked = {(name, job): partial(judged_without, name, job, 60 * study.minutes) for job in cases for name in rules}
     places = {name: str(k) for k, name in enumerate(RULES)}
     found = each_kept_or_done(

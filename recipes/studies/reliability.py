@@ -150,6 +150,12 @@ def tabulate(cases: Sequence[Judged], printed_by: str) -> ResultTable:
         )
     said = [one for case in cases for one in statements(case)]
     pairs = ((probability(one.said), zip(one.said.weights, one.right, strict=True)) for one in said)
+    ended = sum(bool(case.ended) for case in cases)
+    table.add("cases without an answer", ended, spread="out of time, nearly all")
+    wrong = [case.name for case in cases if not all(any(one.right) for one in statements(case))]
+    share = len(wrong) / max(1, len(cases) - ended)
+    name = "cases in which something is named that is not in the machine"
+    table.add(name, share, spread=", ".join(wrong), goal="<= 0.03", holds=share <= 0.03)
     _names(table, [(p * weight, right) for p, names in pairs for weight, right in names])
     _intervals(table, "90 % intervals that hold the truth", cases, goal=True)
     for rig in RIGS:

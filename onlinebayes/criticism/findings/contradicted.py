@@ -46,12 +46,14 @@ def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) 
         held: the held-out runs.
         horizon: length of the windows over which their error is reported [s].
     """
-    found, evaluator, gone = explanation.found, explanation.evaluator, list[str]()
-    if found is explanation.base:
+    base, found, evaluator, gone = explanation.base, explanation.found, explanation.evaluator, list[str]()
+    if found is base:
         return Uncontradicted(explanation)
-    score = _score(evaluator, found, held, horizon)
+    of_base, score = side_by_side([partial(_score, evaluator, one, held, horizon) for one in (base, found)])
     while keys := [one.key for one in found.hypothesis.additions if not isinstance(one, OwnValues)]:
-        simpler = side_by_side([partial(_without, explanation, found, key, held, horizon) for key in keys])
+        simpler: list[tuple[Evaluation | None, float]] = [(base, of_base)]
+        if len(found.hypothesis.additions) > 1:
+            simpler = side_by_side([partial(_without, explanation, found, key, held, horizon) for key in keys])
         key, best, least = min(
             ((key, one, s) for key, (one, s) in zip(keys, simpler, strict=True)), key=lambda other: other[2]
         )
@@ -61,9 +63,7 @@ def uncontradicted(explanation: Explanation, held: Measurement, horizon: float) 
         gone.append(key)
     if gone:
         explanation = replace(explanation, found=found, rivals=rivals_without(explanation, found, gone))
-    if found is explanation.base:
-        return Uncontradicted(explanation, tuple(gone))
-    return Uncontradicted(explanation, tuple(gone), _score(evaluator, explanation.base, held, horizon) - score)
+    return Uncontradicted(explanation, tuple(gone), math.nan if found is base else of_base - score)
 
 
 def rivals_without(explanation: Explanation, found: Evaluation, gone: Sequence[str]) -> tuple[Evaluation, ...]:
@@ -81,14 +81,10 @@ def rivals_without(explanation: Explanation, found: Evaluation, gone: Sequence[s
 def _without(
     explanation: Explanation, found: Evaluation, key: str, held: Measurement, horizon: float
 ) -> tuple[Evaluation | None, float]:
-    """The hypothesis without one addition, and its score over the held-out runs [nats]; infinite without a fit."""
-    hypothesis = found.hypothesis.minus(key)
-    evaluator, base = explanation.evaluator, explanation.base
-    if hypothesis.additions:
-        simpler = evaluator.evaluate(FitRequest(hypothesis, [found.values], found.fitted.lin.starts))
-    else:
-        simpler = base
-    return simpler, math.inf if simpler is None else _score(evaluator, simpler, held, horizon)
+    """The hypothesis without one of its additions, and its score over the held-out runs; infinite without a fit."""
+    request = FitRequest(found.hypothesis.minus(key), [found.values], found.fitted.lin.starts)
+    simpler = explanation.evaluator.evaluate(request)
+    return simpler, math.inf if simpler is None else _score(explanation.evaluator, simpler, held, horizon)
 
 
 def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement, horizon: float) -> float:
