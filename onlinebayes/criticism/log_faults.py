@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from onlinebayes.criticism.hypotheses.explanation import start_search
-from onlinebayes.criticism.promising_faults import in_both, promising_faults, put_right
+from onlinebayes.criticism.promising_faults import in_both, promising_faults, put_right, rows_over
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.criticism.wiring.outages import Sighting, sighted
-from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.judging.evaluator import AT_FLOOR, FIRST_STEPS, Evaluation, Evaluator, FitRequest
 from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, explains_half
@@ -152,18 +152,12 @@ def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Me
     if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
         return None  # of two faults that pass, each has more than half: they share a window
     anew = evaluator.of_table(given, windows)
-    wanted = _score_over(stood, here, evaluator.windows) - LEAST_GAIN
+    rows = rows_over(stood, here, evaluator.windows)
+    wanted = score_of(stood, rows.in_noise(rows.residual)) - LEAST_GAIN
     found = anew.evaluate(FitRequest(here.hypothesis, [here.values, {}], most=FIRST_STEPS, wanted=wanted))
     if found is not None and found.gains(here)[0].gain >= LEAST_GAIN:
         found = anew.anew(found)  # what gains nothing by then is no fault
     return None if found is None else CorrectedLog(fault, (), anew, found, found.gains(here))
-
-
-def _score_over(some: Windows, here: Evaluation, windows: Windows) -> float:
-    """The score of a fitted hypothesis over some of its windows."""
-    place = {span: w for w, span in enumerate(windows.spans)}
-    rows = here.fitted.of(some.run.new_tensor([place[span] for span in some.spans])).rows
-    return score_of(some, rows.in_noise(rows.residual))
 
 
 def _sightings(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Iterator[Sighting]:

@@ -24,7 +24,7 @@ from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
-from onlinebayes.identification.fitting.rows import starts_part
+from onlinebayes.identification.fitting.rows import Rows, starts_part
 from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
@@ -76,6 +76,12 @@ def in_both(windows: Windows, stood: Windows) -> tuple[Windows, Windows]:
         for one in (windows, stood)
     )
     return mine, theirs
+
+
+def rows_over(some: Windows, base: Evaluation, fitted: Windows) -> Rows:
+    """The rows of a fitted model in some of its windows."""
+    place = {span: w for w, span in enumerate(fitted.spans)}
+    return base.fitted.of(some.run.new_tensor([place[span] for span in some.spans])).rows
 
 
 def put_right(fault: Fault, given: Identifiable, windows: Windows, measurement: Measurement) -> Windows:
@@ -162,8 +168,7 @@ def _at_best(
         fitted, some: its windows, and those that were replayed.
         moving: whether the replay is that of its theta, which may move then.
     """
-    place = {span: w for w, span in enumerate(fitted.spans)}
-    rows = base.fitted.of(some.run.new_tensor([place[span] for span in some.spans])).rows
+    rows = rows_over(some, base, fitted)
     scaled = (residual * rows.weight).flatten(1)
     full = torch.cat([scaled, scaled.new_zeros(len(scaled), rows.basis.shape[1] - scaled.shape[1])], dim=1)
     left = full - starts_part(rows, full)
