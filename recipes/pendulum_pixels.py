@@ -6,8 +6,8 @@ A small convolution reads three frames that follow each other and tells what the
 cos, sin and rate. It learns that in simulation, where they are known, and is kept beside the runs. Then it stands in
 the environment as one more transform: policy, estimator and trainer are those of ``recipes.pendulum``, and the real
 system's frames go the same way. The camera is ``envs.pendulum_camera``; everything else between it and the policy is
-TorchRL's. At its end the belief is nearly as good as one from states; the policy has not learnt yet to swing up what
-is a metre long and weighs a kilogram.
+TorchRL's. With seed 0 the belief ends as good as one from states; the policy takes ten steps to a return of -311, where
+states give -171 in six.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def build(settings: Settings) -> Run:
     seed_everything(settings.seed)  # the same run, whether the reader was kept or not
     problem = replace(plain, transforms=lambda: [PendulumCamera(FRAMES, seed=next(seeds)), read_by(reader)])
     truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 1.0}, settings.truth)
-    steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 300, 25)
+    steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (10, 20, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     trainer = online_trainer(
         problem,
