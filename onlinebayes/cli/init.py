@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.problems.drafting import Draft, Match, cure, doubt, draft, weld_of
+from onlinebayes.problems.drafting import Draft, Match, cure, doubt, draft, held, weld_of
 from onlinebayes.runs import BadInput, Stages, one_line, write_atomic
 
 NUMBER = re.compile(r"\d+")
@@ -57,6 +57,8 @@ def tell(drafted: Draft, target: Path) -> None:
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
     for joint, body in drafted.fixed.items():
         _say("missing:", weld_of(joint, body))
+    if drafted.idle:
+        _say("welded:", held(drafted.idle))
     for question in drafted.questions:
         _say("check:", question)
     if drafted.follows:

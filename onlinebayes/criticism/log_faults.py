@@ -86,8 +86,8 @@ def find_fault(
         return None
     evaluator.watch("checking signs, units and columns")
     promising = promising_faults(evaluator, base, measurement, laws)
-    tried = side_by_side([partial(judged, fault, evaluator, base, measurement) for fault in promising])
-    return _best([one for one in tried if one is not None], evaluator, base, measurement)
+    tried = side_by_side([partial(_explaining, fault, evaluator, base, measurement) for fault in promising])
+    return _best([one for one in tried if one is not None], evaluator, measurement)
 
 
 def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> CorrectedLog | None:
@@ -99,17 +99,14 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
         return None
     evaluator.watch("checking whether an actuator was off")
     faults = [seen.settled for seen in _sightings(evaluator, base, measurement)]
-    asked = [partial(judged, fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    asked = [partial(_explaining, fault, evaluator, base, measurement) for fault in faults if fault is not None]
     tried = side_by_side(asked)
     most = max(filter(None, tried), key=lambda one: one.gains[0].gain, default=None)
-    return None if most is None else _best([most], evaluator, base, measurement)
+    return None if most is None else _best([most], evaluator, measurement)
 
 
-def _best(
-    tried: Sequence[CorrectedLog], evaluator: Evaluator, base: Evaluation, measurement: Measurement
-) -> CorrectedLog | None:
+def _best(enough: Sequence[CorrectedLog], evaluator: Evaluator, measurement: Measurement) -> CorrectedLog | None:
     """The simplest of those that explain most, with the others that do as well."""
-    enough = [one for one in tried if _explains(one, base)]
     if not enough:
         return None
     best = max(enough, key=lambda one: one.gains[0].gain)
@@ -128,8 +125,11 @@ def _gains(found: CorrectedLog) -> list[float]:
     return [one.gain for one in found.gains]
 
 
-def _explains(found: CorrectedLog, base: Evaluation) -> bool:
-    return explains_half(base.left_out[0], found.evaluation.left_out[0])
+def _explaining(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> CorrectedLog | None:
+    """A fault that explains half of the misfit; the tables of others are not kept, for a long log fills the memory."""
+    found = judged(fault, evaluator, base, measurement)
+    explains = found is not None and explains_half(base.left_out[0], found.evaluation.left_out[0])
+    return found if explains else None
 
 
 def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Measurement) -> CorrectedLog | None:

@@ -154,7 +154,8 @@ def _replayed(
         for k, one in enumerate(left)
         for best in _at_best(one, base, evaluator.windows, windows, moving=k == 0 and bool(valid[0].all()))
     ]
-    return _Replays(windows, tuple(left)) if left else None
+    # The runs stay behind: each fault has a whole table of its own.
+    return _Replays(replace(windows, run_histories=()), tuple(left)) if left else None
 
 
 def _at_best(

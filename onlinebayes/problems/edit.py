@@ -2,7 +2,7 @@
 
 | key                          | does                                                                            |
 |------------------------------|---------------------------------------------------------------------------------|
-| ``weld = ["base"]``          | takes the joints of these bodies away: they stay where the file puts them       |
+| ``weld = ["base"]``          | takes the joints of these bodies away (:mod:`.welding`)                         |
 | ``timestep``, ``integrator`` | replace those of ``<option>``                                                   |
 | ``input``                    | what a command is; refused where the model's actuator takes something else      |
 | ``gravity_compensation``     | the drive carries the weight: ``gravcomp = 1`` on every body its joint moves    |
@@ -15,6 +15,7 @@ from __future__ import annotations
 import mujoco
 
 from onlinebayes.problems.section import Section
+from onlinebayes.problems.welding import ON_JOINTS, weld
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.mujoco.addresses import names
 from onlinebayes.simulators.mujoco.model import compile_spec
@@ -25,7 +26,6 @@ INTEGRATORS = {
     "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 }
-ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 INPUTS = ("force", "voltage", "position", "velocity")
 INSTEAD = {
     "force": "a <motor>",
@@ -48,10 +48,8 @@ def edited(spec: mujoco.MjSpec, edit: Section, actuators: Section) -> mujoco.MjS
             not take.
     """
     spec = spec.copy()
-    for name in edit.texts("weld", ()):
-        with edit.at("weld"):
-            _weld(spec, name)
-            compile_spec(spec)
+    with edit.at("weld"):
+        weld(spec, edit.texts("weld", ()))
     if (timestep := edit.number("timestep")) is not None:
         if timestep <= 0:
             raise edit.error("timestep", f"{timestep:g} s is no step", "give a positive time in seconds")
@@ -78,35 +76,6 @@ def edited(spec: mujoco.MjSpec, edit: Section, actuators: Section) -> mujoco.MjS
 def edits(section: Section) -> Section:
     """``[model_edit]``, its keys checked."""
     return section.section("model_edit", ("weld", "timestep", "integrator"))
-
-
-def _weld(spec: mujoco.MjSpec, name: str) -> None:
-    body = spec.body(name)
-    if body is None or name == "world":
-        _known([b.name for b in spec.bodies if b.name and b.name != "world"], name, "body")
-    if not (joints := list(body.joints)):
-        raise BadInput(f"body '{name}' has no joint of its own", "it is welded already")
-    for joint in joints:
-        if users := _users(spec, joint.name):
-            problem = (
-                f"body '{name}' cannot lose its joint '{joint.name}', which the model needs for {', '.join(users)}"
-            )
-            raise BadInput(problem, "take what needs it out of the MJCF first, or weld another body")
-        spec.delete(joint)
-    for key in list(spec.keys):  # they hold positions of the joints that are gone
-        spec.delete(key)
-
-
-def _users(spec: mujoco.MjSpec, joint: str) -> list[str]:
-    """List the elements of the model that cannot be without a joint: ``actuator 'motor'``, ``sensor 'encoder'``."""
-    of_joint = mujoco.mjtObj.mjOBJ_JOINT
-    found = [("actuator", a.name) for a in spec.actuators if a.trntype in ON_JOINTS and a.target == joint]
-    found += [("sensor", s.name) for s in spec.sensors if s.objtype == of_joint and s.objname == joint]
-    pairs = [e for e in spec.equalities if e.type == mujoco.mjtEq.mjEQ_JOINT]
-    found += [("equality", e.name) for e in pairs if joint in (e.name1, e.name2)]
-    wraps = [(t.name, wrap) for t in spec.tendons for wrap in t.path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT]
-    found += [("tendon", name) for name, wrap in wraps if wrap.target.name == joint]
-    return [f"{kind} '{name}'" if name else f"a nameless {kind}" for kind, name in dict.fromkeys(found)]
 
 
 def _check_input(table: Section, model: mujoco.MjModel, i: int) -> None:

@@ -4,6 +4,8 @@ Each rule is taken out by itself, and the same blind cases are judged with it an
 the same verdict and names says nothing for the rule.
 
     python -m recipes.studies.ablation [--rules ...]  -> docs/results/ablation.json
+
+``make ablation-numbers`` asks the same of three rules on machines of which only numbers are off.
 """
 
 from __future__ import annotations
@@ -83,37 +85,39 @@ class Study:
     processes: int = 2
     """that share the cases"""
     minutes: float = 1.5
-    """of processor time that refine may take for a case"""
+    """of processor time after which refine gives the best answer so far"""
+    name: str = "ablation"
+    """of the table"""
     out: Path = Path("out/ablation")
     """folder of the cases"""
     results: Path = Path("docs/results")
     """folder of the table"""
 
 
-def judged_without(name: str, job: Job, limit: float) -> dict[str, Any]:
-    """The record of a case that is judged without a rule, within so much processor time [s]."""
+def judged_without(name: str, job: Job, budget: float) -> dict[str, Any]:
+    """The record of a case that is judged without a rule, with a budget of processor time [s]."""
     RULES[name]()
-    return judge(job, limit)
+    return judge(job, budget)
 
 
-def tabulate(cases: Mapping[tuple[str, str], Judged], rules: Sequence[str]) -> ResultTable:
+def tabulate(name: str, cases: Mapping[tuple[str, str], Judged], rules: Sequence[str]) -> ResultTable:
     """For each rule: how many answers differ without it, and how many are right with it and without."""
-    table = ResultTable("ablation", "make ablation", [FIRST])
-    whole = {job: case for (name, job), case in cases.items() if name == WHOLE}
-    for name in rules:
-        pairs = [(whole[job], case) for (out, job), case in cases.items() if out == name and job in whole]
-        if name == WHOLE or not pairs:
+    table = ResultTable(name, f"make {name}", [FIRST])
+    whole = {job: case for (left_out, job), case in cases.items() if left_out == WHOLE}
+    for left_out in rules:
+        pairs = [(whole[job], case) for (out, job), case in cases.items() if out == left_out and job in whole]
+        if left_out == WHOLE or not pairs:
             continue
         differ = sum((a.verdict, {*a.accepted}) != (b.verdict, {*b.accepted}) for a, b in pairs)
-        table.add(f"{name}: other answers without it", differ, spread=f"of {len(pairs)} cases")
+        table.add(f"{left_out}: other answers without it", differ, spread=f"of {len(pairs)} cases")
         right, without = (sum(not (one.missed or one.ended) for one in side) for side in zip(*pairs, strict=True))
-        table.add(f"{name}: right answers with it", right, spread=f"without it {without}")
+        table.add(f"{left_out}: right answers with it", right, spread=f"without it {without}")
         false, others = (
             sum(not any(said.right) for one in side for said in statements(one)) for side in zip(*pairs, strict=True)
         )
-        table.add(f"{name}: names with it that are not in the machine", false, spread=f"without it {others}")
+        table.add(f"{left_out}: names with it that are not in the machine", false, spread=f"without it {others}")
         spent, saved = (sum(one.seconds for one in side) for side in zip(*pairs, strict=True))
-        table.add(f"{name}: processor time with it over without", spent / max(saved, 1e-9), unit="times")
+        table.add(f"{left_out}: processor time with it over without", spent / max(saved, 1e-9), unit="times")
     return table
 
 
@@ -135,7 +139,7 @@ def main(study: Study) -> int:
         failed=lambda key, why: unanswered(key[1], why),
     )
     judged = {(name, job.name): record(Judged, result) for (name, job), result in found.items()}
-    finished(tabulate(judged, rules), study.results, found)
+    finished(tabulate(study.name, judged, rules), study.results, found)
     return STOPPED if found.stopped else 0
 
 

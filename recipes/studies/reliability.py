@@ -57,7 +57,7 @@ class Study:
         others: of each of the other kinds, faults of the log and short logs left out.
         learn: learn from cases of their own, in place of judging.
         processes: that share the cases.
-        minutes: of processor time that refine may take for a case.
+        minutes: of processor time after which refine gives the best answer so far.
         out: folder of the cases.
         results: folder of the table.
     """
@@ -151,7 +151,8 @@ def tabulate(cases: Sequence[Judged], printed_by: str) -> ResultTable:
     said = [one for case in cases for one in statements(case)]
     pairs = ((probability(one.said), zip(one.said.weights, one.right, strict=True)) for one in said)
     ended = sum(bool(case.ended) for case in cases)
-    table.add("cases without an answer", ended, spread="out of time, nearly all")
+    late = sum(case.ended == "out of time" for case in cases)
+    table.add("cases without an answer", ended, spread=f"out of time {late}")
     wrong = [case.name for case in cases if not all(any(one.right) for one in statements(case))]
     share = len(wrong) / max(1, len(cases) - ended)
     name = "cases in which something is named that is not in the machine"

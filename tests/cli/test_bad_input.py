@@ -161,8 +161,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
     "weld driven": (
         more("[model_edit]\nweld = ['carriage']"),
-        "carriage.toml: model_edit.weld: body 'carriage' cannot lose its joint 'carriage', which the model needs for "
-        "actuator 'motor'; take what needs it out of the MJCF first, or weld another body$",
+        "carriage.toml: parameters.\"joint.carriage.damping\": the model has no joint 'carriage'; known: none$",
     ),
     "timestep": (more("[model_edit]\ntimestep = 0"), "timestep: 0 s is no step"),
     "integrator": (more("[model_edit]\nintegrator = 'rk4'"), "'rk4' is unknown; use Euler, RK4"),

@@ -300,19 +300,6 @@ def test_names_with_brackets_are_themselves(folder):
     assert problem.holdout == ("drive[2]", "push[2]")
 
 
-def test_a_welded_body_names_all_that_needs_its_joint(folder):
-    more = """
-  <tendon><fixed name="belt"><joint joint="carriage" coef="1"/></fixed></tendon>
-  <equality><joint joint1="carriage"/></equality>
-  <sensor><jointpos name="ruler" joint="carriage"/><framepos name="eye" objtype="body" objname="carriage"/></sensor>
-</mujoco>"""
-    model = (folder / "carriage.xml").read_text().replace("</mujoco>", more)
-    (folder / "carriage.xml").write_text(model)
-    needs = "for actuator 'motor', sensor 'ruler', a nameless equality, tendon 'belt';"
-    with pytest.raises(BadInput, match=needs):
-        load_problem(write(folder, PROBLEM + "[model_edit]\nweld = ['carriage']\n"))
-
-
 def test_a_mapped_column_that_is_not_there_is_named(folder) -> None:
     text = PROBLEM + '[signals."qpos.carriage"]\ncolumn = "nope"\n'
     (folder / "carriage.toml").write_text(text)

@@ -74,6 +74,14 @@ def test_the_actuator_to_add_takes_what_the_log_commands(tmp_path: Path, command
     assert f"<actuator><{actuator}" in asked
 
 
+def test_the_actuator_to_add_acts_on_the_joint_that_the_command_names(tmp_path: Path) -> None:
+    links = "".join(f'<body pos="0 0 .1"><joint name="joint_{k}"/><geom size=".1"/>' for k in (1, 2))
+    model = f"<mujoco><worldbody>{links}</body></body></worldbody></mujoco>"
+    names = [f"joint_{k}.{what}" for what in ("position", "cmd_vel") for k in (1, 2)]
+    (asked,) = drafted(tmp_path, model, *names).questions
+    assert '<velocity kv="..." name="joint_1" joint="joint_1"/></actuator>, one for each, to the model' in asked
+
+
 def test_a_machine_without_commands_needs_no_motor(tmp_path: Path) -> None:
     assert drafted(tmp_path, CART.format(""), "qpos.cart", "temperature").questions == ()
 

@@ -109,6 +109,7 @@ def _comments(
         ("measurements",): "tables: run, time, commands, positions",
         ("holdout",): "runs that are opened at the end, for the reported error",
         ("ignore",): "columns that look like the model's and are not",
+        ("model_edit", "weld"): "no column shows how these move, or moves them: they stay where the model has them",
     }
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):

@@ -20,11 +20,13 @@ from onlinebayes.problems.drafting.clocks import Clock
 from onlinebayes.problems.drafting.draft_text import mapped, text_of
 from onlinebayes.problems.drafting.freeing import free_parameters
 from onlinebayes.problems.drafting.holding_out import held_out
+from onlinebayes.problems.drafting.idle_parts import idle_bodies
 from onlinebayes.problems.drafting.log_columns import check_rows, run_names
 from onlinebayes.problems.drafting.logs import measurement_of, open_logs
 from onlinebayes.problems.drafting.matching import Match
 from onlinebayes.problems.drafting.surroundings import no_actuator
 from onlinebayes.problems.model import signal_units
+from onlinebayes.problems.welding import weld
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -42,6 +44,7 @@ class Draft:
         fixed: free joints that nobody measured -> their bodies, which may be welded.
         questions: what the values of the logs leave open, in lines.
         untied: clocks that do not overlap, with what to write; nothing when the file is complete.
+        idle: bodies that the file welds: nothing shows how they move, or moves them.
     """
 
     text: str
@@ -52,6 +55,7 @@ class Draft:
     fixed: Mapping[str, str]
     questions: tuple[str, ...]
     untied: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
 
 
 def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], None] = lambda _line: None) -> Draft:
@@ -61,6 +65,9 @@ def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], 
     simulator = MujocoSimulator(model, threads=1)
     opened = open_logs(logs)
     made = assign(simulator, opened)
+    if idle := idle_bodies(simulator.spec, made.missing):
+        simulator = _without(simulator, idle)
+        made = assign(simulator, opened)
     ready = opened.timed and not (made.missing or made.fixed or opened.untied)
     measurement = measurement_of(simulator, opened, made.matches, made.unused) if ready else None
     if measurement is None:
@@ -77,13 +84,21 @@ def draft(model: Path, logs: Sequence[Path], target: Path, say: Callable[[str], 
         "parameters": {name: [bounds.low, bounds.high] for name, bounds in parameters.items()},
         **(_time(tables, opened.clocks) if opened.timed else {}),
         **mapped(made.matches, signal_units(simulator)),
+        **({"model_edit": {"weld": list(idle)}} if idle else {}),
     }
     named = dict.fromkeys(clock.match for clock in opened.clocks if opened.timed and not clock.exact)
     found = (*named, *made.matches)
     bare = no_actuator(simulator, model, made.unused)
     asked = (*((bare,) if bare else ()), *made.questions)
     text = text_of(content, simulator, parameters, found, made.missing, made.fixed, asked, target.name, opened.untied)
-    return Draft(text, found, made.missing, made.follows, made.unused, made.fixed, asked, opened.untied)
+    return Draft(text, found, made.missing, made.follows, made.unused, made.fixed, asked, opened.untied, idle)
+
+
+def _without(simulator: MujocoSimulator, idle: Sequence[str]) -> MujocoSimulator:
+    """The model with some bodies welded."""
+    spec = simulator.spec.copy()
+    weld(spec, idle)
+    return MujocoSimulator(spec, threads=1)
 
 
 def _time(tables: Sequence[str], clocks: Sequence[Clock]) -> dict[str, dict[str, Any]]:

@@ -55,15 +55,26 @@ def no_actuator(simulator: MujocoSimulator, model: Path, unused: Sequence[str]) 
     if simulator.model.nu or not told:
         return ""
     joints = [joint for joint, kind in simulator.joint_kinds.items() if kind in ("hinge", "slide")]
-    kind = _kind_told(told[0])
-    name = told[0].removeprefix("ctrl.") if told[0].startswith("ctrl.") else kind.partition(" ")[0]
-    tag = f'<{kind} name="{name}" joint="{joints[0] if len(joints) == 1 else "..."}"/>'
+    kind, joint = _kind_told(told[0]), _joint_told(told[0], joints)
+    name = told[0].removeprefix("ctrl.") if told[0].startswith("ctrl.") else joint or kind.partition(" ")[0]
+    tag = f'<{kind} name="{name}" joint="{joint or "..."}"/>'
     urdf = " (a URDF has none: save it as MJCF first)" if "<robot" in model.read_text(errors="replace")[:HEAD] else ""
-    more = f" and {len(told) - 1} more" if len(told) > 1 else ""
+    more, each = (f" and {len(told) - 1} more", ", one for each,") if len(told) > 1 else ("", "")
     return (
         f"the model has no actuator, the log has the command {told[0]}{more}: "
-        f"add <actuator>{tag}</actuator> to the model{urdf}"
+        f"add <actuator>{tag}</actuator>{each} to the model{urdf}"
     )
+
+
+def _joint_told(command: str, joints: Sequence[str]) -> str:
+    """The only joint, or the one of which a command's name says most; empty where several could be it."""
+    if len(joints) == 1:
+        return joints[0]
+    said = words(command)
+    named = [joint for joint in joints if set(words(joint)) <= {*said}]
+    most = max((len(words(joint)) for joint in named), default=0)
+    best = [joint for joint in named if len(words(joint)) == most]
+    return best[0] if len(best) == 1 else ""
 
 
 def _kind_told(command: str) -> str:

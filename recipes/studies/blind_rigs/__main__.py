@@ -38,9 +38,8 @@ class Study:
         pairs: cases of two effects, and no others.
         first: seed of the first case; see :data:`REPORTED`.
         processes: that share the cases.
-        minutes: of processor time that refine may take for a case; one that takes longer is a miss. (The study's own
-            fits of the true effects come on top, and beside other work a case takes longer: it is ended after four
-            times that.)
+        minutes: of processor time after which refine gives the best answer so far. (The base fit and the study's own
+            fits of the true effects come on top: a case is ended after four times that, and is a miss.)
         out: folder of the judged cases.
         results: folder of the table and of all judged cases in one file, ``NAME-cases.jsonl``.
     """
@@ -52,7 +51,7 @@ class Study:
     rigs: tuple[str, ...] = tuple(RIGS)
     first: int = REPORTED
     processes: int = 2
-    minutes: float = 10.0
+    minutes: float = 5.0
     out: Path = Path("out/blind_rigs")
     results: Path = Path("docs/results")
 

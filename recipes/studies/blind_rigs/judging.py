@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -11,7 +10,7 @@ from typing import Any
 import torch
 
 from envs.rigs import BlindCase, case, write_case
-from onlinebayes.criticism import Candidate, Criticism, names_said, refine, same_as
+from onlinebayes.criticism import BUDGET_S, Candidate, Criticism, names_said, refine, same_as
 from onlinebayes.identification import Estimate
 from onlinebayes.problems import ProblemFile, load_problem
 from onlinebayes.runs import processor_time
@@ -23,12 +22,12 @@ from recipes.studies.blind_rigs.truth import in_floors, true_error, true_values
 from recipes.studies.spawned import Failed
 
 
-def judge(job: Job, most: float = math.inf) -> dict[str, Any]:
+def judge(job: Job, budget: float = BUDGET_S) -> dict[str, Any]:
     """Make the case, refine it and compare with the truth: the fields of :class:`Judged`.
 
     Args:
         job: which case.
-        most: seconds of processor time that refine may take [s]; an answer that took longer is none.
+        budget: processor time after which refine gives the best answer so far [s].
 
     Raises:
         BadInput: the library refuses the case.
@@ -37,10 +36,8 @@ def judge(job: Job, most: float = math.inf) -> dict[str, Any]:
     made = case(job.rig, job.kind, job.seed)
     problem = loaded(made)
     began = processor_time()  # one thread: what other work beside the study takes is not counted
-    result = refined(problem)
-    if (seconds := processor_time() - began) > most:
-        return unanswered(job, Failed("out of time", seconds))
-    return asdict(judged(made, problem, result, seconds))
+    result = refined(problem, budget)
+    return asdict(judged(made, problem, result, processor_time() - began))
 
 
 def unanswered(job: Job, failed: Failed) -> dict[str, Any]:
@@ -58,8 +55,8 @@ def loaded(made: BlindCase) -> ProblemFile:
     return replace(problem, simulator=simulator)
 
 
-def refined(problem: ProblemFile) -> Criticism:
-    """Refine a problem with its own settings."""
+def refined(problem: ProblemFile, budget: float) -> Criticism:
+    """Refine a problem with its own settings, within so much processor time [s]."""
     return refine(
         problem.simulator,
         problem.measurement,
@@ -67,6 +64,7 @@ def refined(problem: ProblemFile) -> Criticism:
         selection=problem.selection,
         candidates=problem.candidates,
         scope=problem.scope,
+        budget_s=budget,
     )
 
 
