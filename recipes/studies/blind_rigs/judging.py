@@ -55,7 +55,7 @@ def loaded(made: BlindCase) -> ProblemFile:
     return replace(problem, simulator=simulator)
 
 
-def refined(problem: ProblemFile, budget: float) -> Criticism:
+def refined(problem: ProblemFile, budget: float = BUDGET_S) -> Criticism:
     """Refine a problem with its own settings, within so much processor time [s]."""
     return refine(
         problem.simulator,
