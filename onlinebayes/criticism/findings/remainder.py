@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 
 from onlinebayes.identification.data.windows import Windows
@@ -21,7 +23,8 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics) -> dict[st
     Args:
         fitted, windows: the model and what it was fitted to.
         numerics: of its integration step; a larger error than the noise is the floor where it cannot be helped. A
-            step that is fine enough for a gross misfit was chosen: there the floor is the noise alone.
+            step that is fine enough for a gross misfit was chosen: there the floor is the noise alone, and where
+            nobody knows the error, too.
     """
     shift = start_shift(windows, fitted.lin, fitted.projected, torch.zeros_like(fitted.theta))
     candidates = fitted.lin.starts + torch.stack([torch.zeros_like(shift), shift])
@@ -31,7 +34,8 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics) -> dict[st
     seen = windows.observed
     square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
     rms = (square.sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
-    error = 0.0 if numerics.sufficient else numerics.error_at_quarter_step
+    known = not numerics.sufficient and math.isfinite(numerics.error_at_quarter_step)
+    error = numerics.error_at_quarter_step if known else 0.0
     floor = windows.noise * max(1.0, error)
     names = [fitted.simulator.signals[c] for c in windows.columns]
     return dict(zip(names, (rms / floor).tolist(), strict=True))

@@ -74,13 +74,18 @@ def cost(simulator: Integrated, discretisation: Integration, row: float) -> floa
     return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
 
 
-def finest(simulator: Integrated) -> Integration:
-    """Return the integration with which the others are compared."""
+def finest(simulator: Integrated) -> tuple[Integration, ...]:
+    """Return the integrations with which the others are compared, the best first: what is stiff may leave but the last.
+
+    MuJoCo's own Euler takes a joint's damping as it is after the step; Runge's and Kutta's method does not, and
+    diverges where the damping of a servo is large beside the inertia that it moves.
+    """
     if not adjustable(simulator):
-        return Integration(simulator.timestep)
-    if first_order(simulator) or by_runge_kutta(simulator):
-        return Integration(simulator.timestep / 4, "runge_kutta" if first_order(simulator) else "own")
-    return Integration(simulator.timestep / 16)
+        return (Integration(simulator.timestep),)
+    own = Integration(simulator.timestep / 16)
+    if first_order(simulator):
+        return Integration(simulator.timestep / 4, "runge_kutta"), own
+    return (Integration(simulator.timestep / 4),) if by_runge_kutta(simulator) else (own,)
 
 
 def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
@@ -92,23 +97,22 @@ def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
         windows: the data.
     """
     fitted, windows = _in_few(fitted, windows)
-    exact = _replayed(finest(given), given, fitted, windows)
+    _, exact = _finest(given, fitted, windows)
     return exact is None or bool((_errors(fitted, windows, exact) < _admissible(fitted, windows)).all())
 
 
 def error_in_floors(fitted: Fitted, given: Identifiable, windows: Windows) -> tuple[float, float]:
     """Return the worst signal's integration error, and the largest residual of any; arguments as :func:`fine_enough`.
 
-    The error is infinite where the finest way diverges.
+    The error is infinite where all finer ways diverge.
     """
     left = float(rms(windows, fitted.rows.in_noise(fitted.rows.residual)).max())
     fitted, windows = _in_few(fitted, windows)
-    best = finest(given)
+    best, exact = _finest(given, fitted, windows)
     alone = best.method == "own" and adjustable(given) and not by_runge_kutta(given)
     if alone and fitted.simulator.timestep <= best.timestep:
         # Nothing is finer: at first order it errs by what it differs from steps twice as long.
-        best = replace(best, timestep=2 * best.timestep)
-    exact = _replayed(best, given, fitted, windows)
+        exact = _replayed(replace(best, timestep=2 * best.timestep), given, fitted, windows)
     return (float("inf") if exact is None else float(_errors(fitted, windows, exact).max())), left
 
 
@@ -128,8 +132,7 @@ def _in_few(fitted: Fitted, windows: Windows) -> tuple[Fitted, Windows]:
 
 
 def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integration:
-    best = finest(given)
-    exact = _replayed(best, given, fitted, windows)
+    best, exact = _finest(given, fitted, windows)
     if exact is None:
         return Integration(given.timestep)
     admissible = _admissible(fitted, windows)
@@ -179,6 +182,14 @@ def _alike(windows: Windows, fitted: Fitted, rough: Linearisation, exact: Linear
     by_start = [one.by_start.flatten(0, 2) for one in (rough, exact)]
     pairs = ((by_theta[0], by_theta[1]), (by_start[0], by_start[1]))
     return all(bool(((a - b).norm(dim=0) <= ALIKE * b.norm(dim=0)).all()) for a, b in pairs)
+
+
+def _finest(given: Identifiable, fitted: Fitted, windows: Windows) -> tuple[Integration, Float[Tensor, "W n S"] | None]:
+    """The best way that does not diverge, with its replay; none where all do."""
+    for best in finest(given):
+        if (exact := _replayed(best, given, fitted, windows)) is not None:
+            return best, exact
+    return best, None
 
 
 def _replayed(

@@ -1,9 +1,11 @@
 """The integrator's own errors are not physics: found out, mended by a finer step, and never named as a delay."""
 
+import math
+
 import mujoco
 import pytest
 
-from onlinebayes.criticism import refine
+from onlinebayes.criticism import compare, refine
 from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
@@ -56,6 +58,19 @@ def test_a_step_at_the_end_of_stability_is_not_taken() -> None:
     stiff = RungeKuttaAlone(xml, free, threads=1)
     measurement = measure(runs=8, simulator=stiff, truth=(900.0,), finer=20)
     assert way_of(stiff, measurement).timestep == pytest.approx(0.002)
+
+
+def test_damping_too_stiff_for_runge_kutta_is_judged_by_finer_steps_of_the_own_method() -> None:
+    """Euler's method takes a joint's damping implicitly, Runge's and Kutta's diverges here above .6 ms."""
+    free = ParameterSpace({"joint.rail.damping": Parameter(1e3, 5e4, "N s/m")})
+    stiff = MujocoSimulator(
+        EULER.replace('damping="1"', 'damping="9000"').replace("<motor", '<motor gear="9000"'), free
+    )
+    assert stiff.with_runge_kutta() is not stiff
+    measurement = measure(runs=8, simulator=stiff, truth=(7000.0,), noise=5e-4)
+    found = compare(stiff, measurement)
+    assert math.isfinite(found.numerics.error_at_quarter_step)
+    assert found.remainder.rms_over_floor["qpos.rail"] == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.slow
