@@ -5,7 +5,7 @@ the same verdict and names says nothing for the rule.
 
     python -m recipes.studies.ablation [--rules ...]  -> docs/results/ablation.json
 
-``make ablation-numbers`` asks the same of three rules on machines of which only numbers are off.
+``make ablation-numbers`` asks the same of two rules on machines of which only numbers are off.
 """
 
 from __future__ import annotations
@@ -61,7 +61,6 @@ RULES: Mapping[str, Callable[[], None]] = {
     "what may be nothing goes": lambda: setattr(answer, "determined", _kept),
     "held-out runs take out": lambda: setattr(answer, "uncontradicted", lambda found, *_: answer.Uncontradicted(found)),
     "moments are believed where noise is left": lambda: setattr(original_integrator, "at_noise_floor", lambda _: True),
-    "large machines get fewer windows": lambda: setattr(window_length, "MOST_FOR_DERIVATIVES", math.inf),
     "bounds are widened together": lambda: setattr(search, "wider_bounds", one_by_one),
     "rivals far behind are given up": lambda: setattr(search, "RIVALS_MARGIN", 1e9),
 }

@@ -1,7 +1,7 @@
 """The choice of a model's integration: the cheapest way whose error no judgement can notice.
 
     values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal,
-                   and steps half as long again do not diverge
+                   and steps half as long again differ by less than max(rms, noise)
     derivatives:   |c - c_fine| < |c_fine| / 20                                                   of every column
 
 Derivatives lead a fit and need not be as good as what it is judged by: where four evaluations a step are needed for the
@@ -140,15 +140,24 @@ def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integratio
         shown = _replayed(way, given, fitted, windows)
         if shown is None or not bool((_moved(fitted, windows, exact - shown) < admissible).all()):
             continue
-        if way == Integration(given.timestep) or _stable(way, given, fitted, windows):
+        if way == Integration(given.timestep) or _stable(way, shown, given, fitted, windows):
             return way
     return best
 
 
-def _stable(way: Integration, given: Identifiable, fitted: Fitted, windows: Windows) -> bool:
-    """Check whether steps half as long again do not diverge either; where a row is no longer, nothing is asked."""
+def _stable(
+    way: Integration, shown: Float[Tensor, "W n S"], given: Identifiable, fitted: Fitted, windows: Windows
+) -> bool:
+    """Check whether steps half as long again show the same, to what is left; true where a row is no longer.
+
+    What diverges may stay finite: forces and joints have limits.
+    """
     fewer = int(windows.step / way.timestep / MARGIN + 1e-6)
-    return fewer < 1 or _replayed(replace(way, timestep=windows.step / fewer), given, fitted, windows) is not None
+    if fewer < 1:
+        return True
+    longer = _replayed(replace(way, timestep=windows.step / fewer), given, fitted, windows)
+    left = _admissible(fitted, windows) / NEGLIGIBLE
+    return longer is not None and bool((_moved(fitted, windows, shown - longer) <= left).all())
 
 
 def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Integration) -> Integration:
@@ -185,11 +194,13 @@ def _alike(windows: Windows, fitted: Fitted, rough: Linearisation, exact: Linear
 
 
 def _finest(given: Identifiable, fitted: Fitted, windows: Windows) -> tuple[Integration, Float[Tensor, "W n S"] | None]:
-    """The best way that does not diverge, with its replay; none where all do."""
-    for best in finest(given):
-        if (exact := _replayed(best, given, fitted, windows)) is not None:
+    """The best way that is stable, with its replay; none where even the last diverges."""
+    *better, last = finest(given)
+    for best in better:
+        exact = _replayed(best, given, fitted, windows)
+        if exact is not None and _stable(best, exact, given, fitted, windows):
             return best, exact
-    return best, None
+    return last, _replayed(last, given, fitted, windows)
 
 
 def _replayed(

@@ -42,9 +42,6 @@ MOST_ROWS = 10_000
 MOST_EVALUATIONS = 32_000
 """Evaluations of the forces in these; a search takes some thousand replays."""
 
-MOST_FOR_DERIVATIVES = 400_000
-"""The same for a replay with the derivatives by every parameter and start: a large machine gets fewer windows."""
-
 FEW = 30
 """Windows that are looked at on the way: the length that they ask for is known to a factor of two anyway."""
 
@@ -181,9 +178,7 @@ def windows_of(
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
     windows = all_windows(given, measurement, horizon, noise)
-    columns = 1 + windows.start.shape[1] + len(given.parameters)
-    evaluations = min(MOST_EVALUATIONS, MOST_FOR_DERIVATIVES / columns)
-    rows = min(MOST_ROWS, evaluations / cost(given, discretisation, windows.step))
+    rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
     return thinned(windows, max(1, int(rows / windows.rows)))
 
 
