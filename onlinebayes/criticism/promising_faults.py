@@ -22,12 +22,14 @@ from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.discretisation import cost
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.fitting.rows import Rows, starts_part
 from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
+from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped, side_by_side
@@ -137,7 +139,7 @@ def _replayed(
     """
     try:
         given = fault.model(evaluator.given)
-        simulator = evaluator.discretisation.derivatives.of(given)
+        simulator = _roughest(evaluator, few).of(given)
         windows, _ = in_both(put_right(fault, given, few, measurement), few)
     except Stopped:
         raise
@@ -156,6 +158,12 @@ def _replayed(
     ]
     # The runs stay behind: each fault has a whole table of its own.
     return _Replays(replace(windows, run_histories=()), tuple(left)) if left else None
+
+
+def _roughest(evaluator: Evaluator, windows: Windows) -> Integration:
+    """The cheapest way that is known to run: gross misfits show by any, and a stiff machine's fits take many steps."""
+    ways = (evaluator.discretisation.derivatives, Integration(evaluator.given.timestep))
+    return min(ways, key=lambda way: cost(evaluator.given, way, windows.step))
 
 
 def _at_best(

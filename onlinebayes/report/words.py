@@ -86,6 +86,8 @@ def headline(result: Criticism) -> str:
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.interrupted:
         return f"The model is wrong, and the search was stopped before it could say why{helped}."
+    if not result.candidates:
+        return f"The model is wrong, and the search ended before any effect was tried{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
 
 

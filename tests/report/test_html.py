@@ -167,6 +167,12 @@ def test_a_search_that_was_stopped_does_not_claim_to_have_tried_all() -> None:
     assert "no effect that was tried" not in text
 
 
+def test_a_search_that_had_no_time_to_try_anything_says_so() -> None:
+    text = check(to_html(bare(criticism(), verdict="unexplained", candidates_tried=0)))
+    assert "the search ended before any effect was tried" in text
+    assert "no effect that was tried" not in text
+
+
 def test_a_tie_names_both() -> None:
     result = dataclasses.replace(
         criticism(), verdict="tie", accepted=("constant_load@carriage",), candidates=criticism().candidates[1:]
