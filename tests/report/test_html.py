@@ -168,7 +168,8 @@ def test_a_search_that_was_stopped_does_not_claim_to_have_tried_all() -> None:
 
 
 def test_a_search_that_had_no_time_to_try_anything_says_so() -> None:
-    text = check(to_html(bare(criticism(), verdict="unexplained", candidates_tried=0)))
+    early = dataclasses.replace(bare(criticism(), verdict="unexplained"), candidates=(), candidates_tried=0)
+    text = check(to_html(early))
     assert "the search ended before any effect was tried" in text
     assert "no effect that was tried" not in text
 
