@@ -12,7 +12,7 @@ so near to the best one share the draw. The weights are means over all ways in w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -32,6 +32,9 @@ from onlinebayes.runs import side_by_side
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
+
+LEAST_WEIGHT = 0.01
+"""A rival of less is none: the report would call two laws alike and print less than 1 % beside one of them."""
 
 MOST_HYPOTHESES = 3
 """Rivals that are fitted: those that did best."""
@@ -56,13 +59,11 @@ def settled(explanation: Explanation) -> Explanation:
     for k, found in enumerate(rounds):
         if first is None or found.added is None or found.added.addition != first:
             continue
-        gone, asked = set[str](), rivals(found)[:MOST_HYPOTHESES]
+        asked = rivals(found)[:MOST_HYPOTHESES]
         fitted = side_by_side([partial(in_its_place, explanation, found, rival) for rival in asked])
-        for rival, evaluation in zip(asked, fitted, strict=True):
-            if evaluation is None or not _as_good(explanation, evaluation):
-                gone.add(rival.key)
-            else:
-                open_.append(evaluation)
+        left = believed(explanation.found, explanation.base, {r.key: one for r, one in zip(asked, fitted, strict=True)})
+        gone = {rival.key for rival in asked} - {*left}
+        open_ += left.values()
         equal = tuple(trial for trial in found.equal if trial.addition.key not in gone)
         alike = tuple(one for one in found.alike if one.key not in gone)
         rounds[k] = replace(found, equal=equal, alike=alike)
@@ -72,11 +73,14 @@ def settled(explanation: Explanation) -> Explanation:
 def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
     """Weigh what was found, which comes first, and its rivals."""
     evaluations = [explanation.found, *explanation.rivals]
+    return tuple(map(Weighted, evaluations, _weights(evaluations, explanation.base)))
+
+
+def _weights(evaluations: Sequence[Evaluation], base: Evaluation) -> list[float]:
+    """Means over all ways in which data are left out."""
     ways = zip(*(one.left_out for one in evaluations), strict=True)
-    weights = torch.stack(
-        [weights_of(left, base) for left, base in zip(ways, explanation.base.left_out, strict=True)]
-    ).mean(0)
-    return tuple(Weighted(*pair) for pair in zip(evaluations, weights.tolist(), strict=True))
+    each = [weights_of(left, of_base) for left, of_base in zip(ways, base.left_out, strict=True)]
+    return [float(weight) for weight in torch.stack(each).mean(0)]
 
 
 def weights_of(left: Sequence[LeftOut], base: LeftOut) -> Float[Tensor, " K"]:
@@ -117,6 +121,14 @@ def in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Eva
     return explanation.evaluator.evaluate(FitRequest(other, [*starts, values]))
 
 
-def _as_good(explanation: Explanation, rival: Evaluation) -> bool:
-    won = [one.gain for one in explanation.found.gains(explanation.base)]
-    return equally_good(explanation.found.gains(rival), won)
+def believed(found: Evaluation, base: Evaluation, fitted: Mapping[str, Evaluation | None]) -> dict[str, Evaluation]:
+    """Those rivals that the rule calls as good as what was found, and that keep a weight beside it.
+
+    Args:
+        found, base: what was found, and the model without it.
+        fitted: key of a rival -> the same with it in its place; None where that cannot be followed.
+    """
+    won = [one.gain for one in found.gains(base)]
+    good = {key: one for key, one in fitted.items() if one and equally_good(found.gains(one), won)}
+    _, *weights = _weights([found, *good.values()], base)
+    return {key: one for (key, one), weight in zip(good.items(), weights, strict=True) if weight >= LEAST_WEIGHT}
