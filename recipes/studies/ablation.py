@@ -20,7 +20,7 @@ from typing import Any
 
 from envs.rigs import RIGS
 from onlinebayes.criticism import answer
-from onlinebayes.criticism.hypotheses import additions, original_integrator, search
+from onlinebayes.criticism.hypotheses import additions, original_integrator, search, weighing
 from onlinebayes.experiments import STOPPED, status
 from onlinebayes.identification.fitting import discretisation, window_length
 from onlinebayes.identification.judging import evaluator, rule
@@ -62,6 +62,7 @@ RULES: Mapping[str, Callable[[], None]] = {
     "held-out runs take out": lambda: setattr(answer, "uncontradicted", lambda found, *_: answer.Uncontradicted(found)),
     "moments are believed where noise is left": lambda: setattr(original_integrator, "at_noise_floor", lambda _: True),
     "bounds are widened together": lambda: setattr(search, "wider_bounds", one_by_one),
+    "a rival keeps a weight": lambda: setattr(weighing, "LEAST_WEIGHT", 0.0),
     "rivals far behind are given up": lambda: setattr(search, "RIVALS_MARGIN", 1e9),
 }
 """Rule -> takes it out of the process that it is called in; each job has a process of its own."""

@@ -43,3 +43,10 @@ def test_what_carries_a_measured_joint_is_not_held(tmp_path: Path) -> None:
     <actuator><motor name="push" joint="cart"/></actuator></mujoco>"""
     made = drafted(tmp_path, cart, "qpos.pole")
     assert (made.idle, set(made.missing)) == ((), {"qpos.cart", "ctrl.push"})
+
+
+def test_a_machine_that_nobody_commands_is_not_held(tmp_path: Path) -> None:
+    """It may swing freely: the joint that was not measured is asked for."""
+    made = drafted(tmp_path, ARM.format(PAIR, ""), "qpos.arm")
+    assert made.idle == ()
+    assert {"qpos.left", "ctrl.grip", "ctrl.arm"} <= {*made.missing}

@@ -1,7 +1,8 @@
 """Ends of a machine that the log knows nothing of, as a gripper beside an arm: they are held where the model has them.
 
-A body is such where no column shows it or anything that it carries, none is the command of what moves it, and none is
-left that could be. What is passive and hangs beside it (the fingers of a linkage) goes with it.
+A body is such where no column shows it or anything that it carries, none is the command of what moves it though others
+are commanded, and none is left that could be. Where nothing is commanded a machine may swing freely: nothing is held.
+What is passive and hangs beside such a body (the fingers of a linkage) goes with it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ def idle_bodies(spec: mujoco.MjSpec, missing: Mapping[str, Sequence[str]]) -> tu
     unknown = {name for name, columns in missing.items() if not columns}
     acting = [(element.name, needed) for kind, element, needed in needing_joints(spec) if kind == "actuator"]
     commanded = {joint for name, needed in acting if f"ctrl.{name}" not in unknown for joint in needed}
+    if not commanded:
+        return ()
     still = {joint.name for joint in spec.joints if f"qpos.{joint.name}" in unknown} - commanded
     driven = {joint for name, needed in acting if needed <= still for joint in needed}
     ends = [body for body in spec.bodies if _joints(body) and _joints(body) <= still and _carried(body) <= still]
