@@ -19,7 +19,7 @@ from onlinebayes.runs.results import ResultTable, Row, versions
 from onlinebayes.runs.results_page import result_page
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
-from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
+from onlinebayes.runs.seeds import generator, seed_everything, seed_of, worker_seed
 from onlinebayes.runs.side_by_side import cores, processor_time, side_by_side
 from onlinebayes.runs.stages import Stages
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
@@ -63,7 +63,6 @@ __all__ = [
     "give_back_freed_memory",
     "giving_up",
     "heed",
-    "leave_inherited_numbers",
     "load_exactly",
     "nearest",
     "one_line",
@@ -87,6 +86,7 @@ __all__ = [
     "torch_threads_kept",
     "users_memo",
     "versions",
+    "worker_seed",
     "write_arrays",
     "write_atomic",
 ]

@@ -6,12 +6,12 @@ import hashlib
 import multiprocessing
 import os
 import random
+import sys
 
 import numpy as np
 import torch
 
-_LEFT = set[int]()
-"""Processes that have left their parent's random numbers."""
+_IMPORTED_IN = os.getpid()
 
 
 def seed_everything(seed: int) -> None:
@@ -21,17 +21,22 @@ def seed_everything(seed: int) -> None:
     torch.manual_seed(seed)
 
 
-def leave_inherited_numbers() -> None:
-    """Give a worker process global random numbers of its own, once; elsewhere do nothing.
+def worker_seed() -> int | None:
+    """A seed of this worker process's own; None in any other process, and in a spawned one that has seeded itself.
 
-    A forked process goes on with its parent's generators, so that all workers draw the same. The new seed is made of
-    the next number of those and of the process's name, which :mod:`multiprocessing` counts: it repeats with them.
+    A forked process goes on with its parent's generators, and all spawned ones begin with the same: their workers would
+    draw the same numbers. The seed is made of the next global number and of the process's name, which
+    :mod:`multiprocessing` counts: it repeats with them. The global generators stay as they are.
     """
-    if multiprocessing.parent_process() is None or os.getpid() in _LEFT:
-        return
-    inherited = int(torch.randint(2**62, ()))
-    seed_everything(seed_of(inherited, multiprocessing.current_process().name))
-    _LEFT.add(os.getpid())
+    if multiprocessing.parent_process() is None or _seeded_itself():
+        return None
+    return seed_of(int(torch.randint(2**62, ())), multiprocessing.current_process().name)
+
+
+def _seeded_itself() -> bool:
+    """True in a spawned process whose seed is no longer PyTorch's own; a forked one may have it from its parent."""
+    spawned = os.getpid() == _IMPORTED_IN and "--multiprocessing-fork" in sys.orig_argv
+    return spawned and torch.initial_seed() != torch.Generator().initial_seed()
 
 
 def generator(seed: int, purpose: str = "", device: torch.device | str = "cpu") -> torch.Generator:

@@ -18,7 +18,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 
-from onlinebayes.runs import BadInput, leave_inherited_numbers
+from onlinebayes.runs import BadInput, worker_seed
 from onlinebayes.simulators import SimulatorEnv
 
 
@@ -41,8 +41,8 @@ class ParameterRandomization(Transform):
     a partial reset the theta that a world has already counts as carried along, not as given, and is drawn anew.
 
     Draws come from torch's global random numbers, until ``set_seed`` of a ``SimulatorEnv`` is given a seed; from then
-    on they are decided by it alone. A worker process that was forked first leaves the random numbers that it has in
-    common with its siblings.
+    on they are decided by it alone. In a worker process without such a seed they come from numbers of the worker's
+    own, for workers share the global ones; not so in a spawned process that called ``torch.manual_seed``.
 
     Args:
         distribution: where theta comes from; replaceable with :meth:`set_distribution`, which takes effect world by
@@ -55,7 +55,6 @@ class ParameterRandomization(Transform):
 
     def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta") -> None:
         super().__init__()
-        leave_inherited_numbers()
         self._distribution, self.theta_key = distribution, theta_key
         self._seeding: tuple[int, int] | None = None
         self._random: Tensor | None = None
@@ -89,8 +88,9 @@ class ParameterRandomization(Transform):
 
     def _draw(self, number: int) -> Tensor:
         with torch.no_grad():
+            if self._random is None and (seed := worker_seed()) is not None:
+                self._random = _random_state(seed)
             if self._random is None:
-                leave_inherited_numbers()
                 return self._distribution.sample((number,))
             with self._seeded(self._random):
                 return self._distribution.sample((number,))

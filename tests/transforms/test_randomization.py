@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
 import pytest
@@ -14,7 +15,7 @@ from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import EnvBase, ParallelEnv, SerialEnv, TransformedEnv
 
 from onlinebayes.inference import BoxUniform
-from onlinebayes.runs import BadInput, leave_inherited_numbers
+from onlinebayes.runs import BadInput, worker_seed
 from onlinebayes.transforms import ParameterRandomization, SensorNoise
 from onlinebayes.transforms.testing import check_parallel, check_transform
 from recipes import custom_gym
@@ -222,18 +223,27 @@ def test_workers_that_are_forked_repeat_what_a_seed_says() -> None:
     assert not torch.equal(after(5), after(6))
 
 
-def test_a_forked_process_leaves_its_parents_numbers_once() -> None:
+@pytest.mark.parametrize(("method", "env_seed"), [("fork", 5), ("spawn", 5), ("spawn", None)])
+def test_a_job_that_seeds_itself_is_the_same_in_each_worker(method: str, env_seed: int | None) -> None:
+    context = multiprocessing.get_context(method)
+    with ProcessPoolExecutor(1, context) as first, ProcessPoolExecutor(1, context) as second:
+        found = [pool.submit(seeded_job, env_seed).result() for pool in (first, second)]
+    assert found[0] == found[1] == seeded_job(env_seed)
+
+
+def seeded_job(env_seed: int | None) -> list[float]:
+    """Theta of worlds, and global numbers after it."""
+    torch.manual_seed(3)
+    env = randomised()
+    if env_seed is not None:
+        env.set_seed(env_seed)
+    return [*env.reset()["theta"].flatten().tolist(), *torch.rand(2).tolist()]
+
+
+def test_workers_have_seeds_of_their_own_and_the_parent_none() -> None:
     torch.manual_seed(0)
     with multiprocessing.get_context("fork").Pool(2) as pool:
-        found = [pool.apply_async(numbers).get() for _ in range(2)]
-    again = numbers()
-    assert len({tuple(each) for each in [*found, again]}) == 3
-    torch.manual_seed(0)
-    assert numbers() == again, "in the parent nothing happens"
-
-
-def numbers() -> list[float]:
-    leave_inherited_numbers()
-    first = torch.rand(2).tolist()
-    leave_inherited_numbers()
-    return first + torch.rand(2).tolist()
+        found = [pool.apply_async(worker_seed).get() for _ in range(2)]
+    assert None not in found
+    assert len(set(found)) == 2
+    assert worker_seed() is None
