@@ -59,9 +59,10 @@ def promising_faults(evaluator: Evaluator, base: Evaluation, measurement: Measur
     """
     thetas, few = _thetas(evaluator.given, base), _few(evaluator.windows)
     table = measurement.select(few.runs)
-    stood = _replayed(AsItStands(), evaluator, base, thetas, few, table)
+    way = _roughest(evaluator, few)
+    stood = _replayed(AsItStands(), evaluator, way, base, thetas, few, table)
     faults = list(possible_faults(evaluator.given, measurement, late=not laws))
-    replays = side_by_side([partial(_replayed, fault, evaluator, base, thetas, few, table) for fault in faults])
+    replays = side_by_side([partial(_replayed, fault, evaluator, way, base, thetas, few, table) for fault in faults])
     promise = {
         fault: -math.inf if right is None or stood is None else right.gain(stood)
         for fault, right in zip(faults, replays, strict=True)
@@ -128,6 +129,7 @@ class _Replays:
 def _replayed(
     fault: Fault,
     evaluator: Evaluator,
+    way: Integration,
     base: Evaluation,
     thetas: Float[Tensor, "M P"],
     few: Windows,
@@ -139,7 +141,7 @@ def _replayed(
     """
     try:
         given = fault.model(evaluator.given)
-        simulator = _roughest(evaluator, few).of(given)
+        simulator = way.of(given)
         windows, _ = in_both(put_right(fault, given, few, measurement), few)
     except Stopped:
         raise

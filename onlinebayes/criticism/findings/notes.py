@@ -51,15 +51,13 @@ def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) ->
             "of what is named carry it; give the model a shorter time step or a better integrator"
         )
     elif evaluator.original_integrator and not way.scaled_moments:
-        method = "a method of first order" if way.method == "first_order" else "the model's own integrator"
         yield (
-            f"numerics: {method} in steps of {way.timestep:g} s follows the log far better than a finer "
+            f"numerics: {way.told} in steps of {way.timestep:g} s follows the log far better than a finer "
             "one, as if a simulator had written it; it was judged in these steps"
         )
-    elif way.method == "runge_kutta" or way.timestep < given.timestep:
-        method = "Runge-Kutta's method" if way.method == "runge_kutta" else "its own method"
+    elif way.method in ("runge_kutta", "extrapolated") or way.timestep < given.timestep:
         yield (
-            f"numerics: the model was integrated by {method} in steps of {way.timestep:g} s; its own method in steps "
+            f"numerics: the model was integrated by {way.told} in steps of {way.timestep:g} s; its own method in steps "
             f"of {given.timestep:g} s is not exact enough for these sensors"
         )
     if way.soft_friction:

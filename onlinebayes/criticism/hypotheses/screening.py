@@ -29,10 +29,12 @@ from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import Addition, Start
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.judging.scoring import Folds, LinearModel, left_out
+from onlinebayes.identification.replaying.extrapolated import in_one_step
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import BadInput, Kept, Stopped, remembered, side_by_side
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 FEW = 8
 """Windows at least, and a quarter of all, that show which candidates promise most: those that err most."""
@@ -88,11 +90,13 @@ class _Screen:
 
     Args:
         fitted, windows: the model without them.
-        base: its replay, as derivatives are taken [SI].
+        rough: the same, integrated as cheaply as it runs.
+        base: its replay [SI].
         folds: of the windows; None to leave nothing out.
     """
 
     fitted: Fitted
+    rough: Identifiable
     windows: Windows
     base: Float[Tensor, "W n S"]
     folds: Folds | None
@@ -101,7 +105,7 @@ class _Screen:
         """The quarter of the windows that err most, nothing left out."""
         few = min(self.windows.count, max(FEW, self.windows.count // 4))
         some = self.fitted.rows.residual.square().sum(1).topk(few).indices.sort().values
-        return _Screen(self.fitted.of(some), self.windows.select(some), self.base[some], None)
+        return _Screen(self.fitted.of(some), self.rough, self.windows.select(some), self.base[some], None)
 
     @cached_property
     def model(self) -> LinearModel:
@@ -164,11 +168,12 @@ def _unpacked(additions: Mapping[str, Addition], kept: Kept) -> list[Prediction]
 
 
 def _screen(fitted: Fitted, windows: Windows, folds: Folds, candidates: Sequence[Addition]) -> list[Prediction]:
-    # Both as derivatives are taken: what a cheap method errs by falls out of the difference.
-    base, valid = replay_binned(fitted.rough, windows, fitted.theta[None], fitted.lin.starts[None])
+    # Both in the same cheap way: what it errs by falls out of the difference.
+    rough = in_one_step(fitted.rough)
+    base, valid = replay_binned(rough, windows, fitted.theta[None], fitted.lin.starts[None])
     if not bool(valid.all()):
         raise BadInput("the fitted model diverges in coarse steps", "give the model a shorter time step")
-    bench = _Screen(fitted, windows, base[0], folds)
+    bench = _Screen(fitted, rough, windows, base[0], folds)
     if len(candidates) <= SHORTLIST:
         return _ordered(bench, candidates)
     first = _ordered(bench.of_part(), candidates)
@@ -193,7 +198,7 @@ def _predictions(bench: _Screen, addition: Addition) -> Iterator[Prediction]:
     """One for each starting value at which the replay stays finite."""
     fitted, windows = bench.fitted, bench.windows
     try:
-        simulator = addition.joined(fitted.rough, windows.runs)
+        simulator = addition.joined(bench.rough, windows.runs)
     except Stopped:
         raise
     except BadInput:

@@ -24,6 +24,7 @@ from onlinebayes.identification.fitting.gauss_newton import Fitted
 from onlinebayes.identification.fitting.rows import rms, taken_out
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.identification.fitting.theta import theta_of, values_of
+from onlinebayes.identification.replaying.extrapolated import PARTS
 from onlinebayes.identification.replaying.integration import Integration, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
@@ -33,8 +34,8 @@ from onlinebayes.simulators.identifiable import Identifiable
 NEGLIGIBLE = 0.1
 """Of the residual, or of the noise where that is larger."""
 
-EVALUATIONS = 4
-"""Of the forces in a step of Runge's and Kutta's method."""
+EVALUATIONS = {"runge_kutta": 4, "extrapolated": 1 + PARTS}
+"""Of the forces in a step of a method; one where it is not told."""
 
 ALIKE = 0.05
 """Share of a derivative by which a cheaper one may differ from it: a fit's steps are as good, to a twentieth."""
@@ -54,14 +55,20 @@ class Discretisation:
     derivatives: Integration
 
 
-def ways(simulator: Integrated, row: float) -> list[Integration]:
-    """Ways to integrate a log with rows ``row`` [s] apart, the cheapest first; the own one where the step is fixed."""
+def ways(simulator: Integrated, row: float, stiff: bool = False) -> list[Integration]:
+    """Ways to integrate a log with rows ``row`` [s] apart, the cheapest first; the own one where the step is fixed.
+
+    Args:
+        simulator: in its own way.
+        row: [s].
+        stiff: whether Runge's and Kutta's method diverges, so that extrapolation stands in for it.
+    """
     own = simulator.timestep
     if not adjustable(simulator):
         return [Integration(own)]
     parts = max(1, round(row / own))
     steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / 16]
-    methods = ["own", "runge_kutta"] if first_order(simulator) else ["own"]
+    methods = ["own", "extrapolated" if stiff else "runge_kutta"] if first_order(simulator) else ["own"]
     if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
         methods.append("first_order")
     found = [Integration(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
@@ -70,8 +77,8 @@ def ways(simulator: Integrated, row: float) -> list[Integration]:
 
 def cost(simulator: Integrated, discretisation: Integration, row: float) -> float:
     """Evaluations of the forces for one row."""
-    fourth = discretisation.method == "runge_kutta" or (discretisation.method == "own" and by_runge_kutta(simulator))
-    return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
+    own = discretisation.method == "own" and by_runge_kutta(simulator)
+    return row / discretisation.timestep * EVALUATIONS.get("runge_kutta" if own else discretisation.method, 1)
 
 
 def finest(simulator: Integrated) -> tuple[Integration, ...]:
@@ -82,10 +89,10 @@ def finest(simulator: Integrated) -> tuple[Integration, ...]:
     """
     if not adjustable(simulator):
         return (Integration(simulator.timestep),)
-    own = Integration(simulator.timestep / 16)
     if first_order(simulator):
-        return Integration(simulator.timestep / 4, "runge_kutta"), own
-    return (Integration(simulator.timestep / 4),) if by_runge_kutta(simulator) else (own,)
+        quarter = simulator.timestep / 4
+        return Integration(quarter, "runge_kutta"), Integration(quarter, "extrapolated")
+    return (Integration(simulator.timestep / (4 if by_runge_kutta(simulator) else 16)),)
 
 
 def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
@@ -136,7 +143,7 @@ def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integratio
     if exact is None:
         return Integration(given.timestep)
     admissible = _admissible(fitted, windows)
-    for way in ways(given, windows.step):
+    for way in ways(given, windows.step, best.method == "extrapolated"):
         shown = _replayed(way, given, fitted, windows)
         if shown is None or not bool((_moved(fitted, windows, exact - shown) < admissible).all()):
             continue
@@ -162,7 +169,8 @@ def _stable(
 
 def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Integration) -> Integration:
     dear = cost(given, values, windows.step)
-    cheaper = [way for way in ways(given, windows.step) if cost(given, way, windows.step) < dear]
+    stiff = values.method == "extrapolated"
+    cheaper = [way for way in ways(given, windows.step, stiff) if cost(given, way, windows.step) < dear]
     exact = _linearised(values, given, fitted, windows) if cheaper else None
     if exact is not None:
         for way in cheaper:

@@ -186,7 +186,7 @@ class Evaluator:
         if discretisation == self.discretisation:
             return self
         way = discretisation.values
-        self.watch(f"integrating by {way.method} in steps of {way.timestep:g} s")
+        self.watch(f"integrating by {way.told} in steps of {way.timestep:g} s")
         return replace(self, discretisation=discretisation)
 
     def anew(self, here: Evaluation) -> Evaluation | None:

@@ -2,8 +2,9 @@
 
 A first-order integrator errs by h times the motion's rates: on a two-link arm at MuJoCo's default of Euler and 2 ms by
 twice a millimetre-class sensor's noise within a second, and at a sixteenth of that still by a tenth. Runge-Kutta's
-method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step. Which way
-is fine enough is asked in :mod:`.fitting.discretisation`.
+method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step; it
+diverges where a model is stiff. There a method of first order is extrapolated from two steps: see
+:mod:`.extrapolated`. Which way is fine enough is asked in :mod:`.fitting.discretisation`.
 """
 
 from __future__ import annotations
@@ -11,11 +12,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
+from onlinebayes.identification.replaying.extrapolated import in_two_steps, replayed_in_two_steps
 from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.simulators.abilities import Integrated
 
-Method = Literal["own", "runge_kutta", "first_order"]
+Method = Literal["own", "runge_kutta", "first_order", "extrapolated"]
+TOLD: dict[Method, str] = {
+    "own": "the model's own method",
+    "runge_kutta": "Runge-Kutta's method",
+    "first_order": "a method of first order",
+    "extrapolated": "the model's own method, extrapolated to steps of no length,",
+}
 S = TypeVar("S", bound=Integrated)
+
+FINEST = 16
+"""Parts of the model's own step in which a report integrates by itself what was judged by extrapolation."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +35,8 @@ class Integration:
 
     Args:
         timestep: h [s].
-        method: the model's own, or Runge's and Kutta's or one of first order in its place.
+        method: the model's own; Runge's and Kutta's or one of first order in its place; the own one, of first order,
+            extrapolated from this step and half of it.
         soft_friction: dry friction as soft as the engine has it, in place of one that sticks.
         scaled_moments: moments of inertia that follow the free masses, in place of the model's own.
     """
@@ -34,13 +46,19 @@ class Integration:
     soft_friction: bool = False
     scaled_moments: bool = False
 
+    @property
+    def told(self) -> str:
+        """The method in words."""
+        return TOLD[self.method]
+
     def of(self, simulator: S) -> S:
         """The simulator run so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.method == "runge_kutta" else simulator
         chosen = chosen.with_first_order() if self.method == "first_order" else chosen
         chosen = chosen.with_soft_friction() if self.soft_friction else chosen
         chosen = chosen.with_scaled_moments() if self.scaled_moments else chosen
-        return chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
+        chosen = chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
+        return in_two_steps(chosen) if self.method == "extrapolated" else chosen
 
 
 def reported(simulator: Integrated, *fitted: Integrated) -> Integration:
@@ -51,9 +69,10 @@ def reported(simulator: Integrated, *fitted: Integrated) -> Integration:
         fitted: models that grew from it, each integrated as it was judged.
     """
     models = (simulator, *fitted)
-    return Integration(
-        min(model.timestep for model in models), "runge_kutta" if any(map(by_runge_kutta, models)) else "own"
-    )
+    steps = [model.timestep for model in models]
+    if any(map(replayed_in_two_steps, fitted)):
+        steps.append(simulator.timestep / FINEST)  # a file and its user integrate in one way
+    return Integration(min(steps), "runge_kutta" if any(map(by_runge_kutta, models)) else "own")
 
 
 def adjustable(simulator: Integrated) -> bool:

@@ -24,6 +24,7 @@ from torch import Tensor
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.charted import chart_of
 from onlinebayes.identification.replaying.commanded import commanded
+from onlinebayes.identification.replaying.extrapolated import coarse_and_fine, extrapolated
 from onlinebayes.identification.replaying.instants import read_late
 from onlinebayes.identification.replaying.recall import recall
 from onlinebayes.identification.replaying.scoped import unfold
@@ -84,6 +85,9 @@ def rollout(
     starts: Float[Tensor, "M W J2"],
 ) -> TensorDict:
     """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
+    if (two := coarse_and_fine(simulator)) is not None:
+        coarse, fine = (rollout(one, windows, theta, starts) for one in two)
+        return extrapolated(coarse, fine)
     M, W, K = theta.shape[0], windows.count, windows.rows
     physics, unfolded = unfold(simulator, windows, theta)
     worlds = unfolded.reshape(M * W, -1)

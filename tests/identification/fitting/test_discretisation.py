@@ -60,17 +60,29 @@ def test_a_step_at_the_end_of_stability_is_not_taken() -> None:
     assert way_of(stiff, measurement).timestep == pytest.approx(0.002)
 
 
-def test_damping_too_stiff_for_runge_kutta_is_judged_by_finer_steps_of_the_own_method() -> None:
+def stiff_slide() -> MujocoSimulator:
     """Euler's method takes a joint's damping implicitly, Runge's and Kutta's diverges here above .6 ms."""
     free = ParameterSpace({"joint.rail.damping": Parameter(1e3, 5e4, "N s/m")})
-    stiff = MujocoSimulator(
-        EULER.replace('damping="1"', 'damping="9000"').replace("<motor", '<motor gear="9000"'), free
-    )
+    xml = EULER.replace('damping="1"', 'damping="9000"').replace("<motor", '<motor gear="9000"')
+    stiff = MujocoSimulator(xml, free, threads=1)
     assert stiff.with_runge_kutta() is not stiff
-    measurement = measure(runs=8, simulator=stiff, truth=(7000.0,), noise=5e-4)
-    found = compare(stiff, measurement)
+    return stiff
+
+
+def test_damping_too_stiff_for_runge_kutta_is_judged_by_the_own_method() -> None:
+    stiff = stiff_slide()
+    found = compare(stiff, measure(runs=8, simulator=stiff, truth=(7000.0,), noise=5e-4))
     assert math.isfinite(found.numerics.error_at_quarter_step)
     assert found.remainder.rms_over_floor["qpos.rail"] == pytest.approx(1.0, abs=0.2)
+
+
+def test_what_is_too_stiff_for_runge_kutta_and_needs_more_is_extrapolated() -> None:
+    stiff = stiff_slide()
+    sharp = measure(runs=8, simulator=stiff, truth=(7000.0,), noise=1e-7, finer=16)
+    assert way_of(stiff, sharp).method == "extrapolated"
+    found = compare(stiff, sharp)
+    assert found.verdict == "adequate"
+    assert found.parameters["joint.rail.damping"].mean == pytest.approx(7000.0, rel=1e-3)
 
 
 @pytest.mark.slow
