@@ -22,7 +22,7 @@ from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
-from onlinebayes.identification.fitting.discretisation import cost
+from onlinebayes.identification.fitting.discretisation import cost_of
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.fitting.rows import Rows, starts_part
@@ -165,7 +165,7 @@ def _replayed(
 def _roughest(evaluator: Evaluator, windows: Windows) -> Integration:
     """The cheapest way that is known to run: gross misfits show by any, and a stiff machine's fits take many steps."""
     ways = (evaluator.discretisation.derivatives, Integration(evaluator.given.timestep))
-    return min(ways, key=lambda way: cost(evaluator.given, way, windows.step))
+    return min(ways, key=cost_of(evaluator.given, windows.step))
 
 
 def _at_best(

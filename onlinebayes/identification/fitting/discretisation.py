@@ -13,6 +13,7 @@ is asked anew for what is added.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -72,13 +73,13 @@ def ways(simulator: Integrated, row: float, stiff: bool = False) -> list[Integra
     if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
         methods.append("first_order")
     found = [Integration(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
-    return sorted(found, key=lambda discretisation: cost(simulator, discretisation, row))
+    return sorted(found, key=cost_of(simulator, row))
 
 
-def cost(simulator: Integrated, discretisation: Integration, row: float) -> float:
-    """Evaluations of the forces for one row."""
-    own = discretisation.method == "own" and by_runge_kutta(simulator)
-    return row / discretisation.timestep * EVALUATIONS.get("runge_kutta" if own else discretisation.method, 1)
+def cost_of(simulator: Integrated, row: float) -> Callable[[Integration], float]:
+    """What gives a way's evaluations of the forces for one row of ``row`` [s]; the model's own method is asked once."""
+    own = EVALUATIONS["runge_kutta"] if by_runge_kutta(simulator) else 1
+    return lambda way: row / way.timestep * (own if way.method == "own" else EVALUATIONS.get(way.method, 1))
 
 
 def finest(simulator: Integrated) -> tuple[Integration, ...]:
@@ -168,9 +169,9 @@ def _stable(
 
 
 def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Integration) -> Integration:
-    dear = cost(given, values, windows.step)
+    cost = cost_of(given, windows.step)
     stiff = values.method == "extrapolated"
-    cheaper = [way for way in ways(given, windows.step, stiff) if cost(given, way, windows.step) < dear]
+    cheaper = [way for way in ways(given, windows.step, stiff) if cost(way) < cost(values)]
     exact = _linearised(values, given, fitted, windows) if cheaper else None
     if exact is not None:
         for way in cheaper:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
-from onlinebayes.identification.fitting.discretisation import Discretisation, cheapest, cost
+from onlinebayes.identification.fitting.discretisation import Discretisation, cheapest, cost_of
 from onlinebayes.identification.fitting.gauss_newton import Fitted, fit, weighed
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.fitting.sensitivities import Linearisation
@@ -178,7 +178,7 @@ def windows_of(
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
     windows = all_windows(given, measurement, horizon, noise)
-    rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
+    rows = min(MOST_ROWS, MOST_EVALUATIONS / cost_of(given, windows.step)(discretisation))
     return thinned(windows, max(1, int(rows / windows.rows)))
 
 
