@@ -26,7 +26,8 @@ def worker_seed() -> int | None:
 
     A forked process goes on with its parent's generators, and all spawned ones begin with the same: their workers would
     draw the same numbers. The seed is made of the next global number and of the process's name, which
-    :mod:`multiprocessing` counts: it repeats with them. The global generators stay as they are.
+    :mod:`multiprocessing` counts: it repeats with them. The global generators
+    give that one number and are not seeded.
     """
     if multiprocessing.parent_process() is None or _seeded_itself():
         return None

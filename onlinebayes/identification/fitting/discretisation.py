@@ -26,7 +26,13 @@ from onlinebayes.identification.fitting.rows import rms, taken_out
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.extrapolated import PARTS
-from onlinebayes.identification.replaying.integration import Integration, adjustable, by_runge_kutta, first_order
+from onlinebayes.identification.replaying.integration import (
+    FINEST,
+    Integration,
+    adjustable,
+    by_runge_kutta,
+    first_order,
+)
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.abilities import Integrated
@@ -68,7 +74,7 @@ def ways(simulator: Integrated, row: float, stiff: bool = False) -> list[Integra
     if not adjustable(simulator):
         return [Integration(own)]
     parts = max(1, round(row / own))
-    steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / 16]
+    steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / FINEST]
     methods = ["own", "extrapolated" if stiff else "runge_kutta"] if first_order(simulator) else ["own"]
     if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
         methods.append("first_order")
@@ -93,7 +99,7 @@ def finest(simulator: Integrated) -> tuple[Integration, ...]:
     if first_order(simulator):
         quarter = simulator.timestep / 4
         return Integration(quarter, "runge_kutta"), Integration(quarter, "extrapolated")
-    return (Integration(simulator.timestep / (4 if by_runge_kutta(simulator) else 16)),)
+    return (Integration(simulator.timestep / (4 if by_runge_kutta(simulator) else FINEST)),)
 
 
 def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:

@@ -76,19 +76,9 @@ class ChartedSimulator(SimulatorWrapper):
         return tuple(name for name in self.physics.targets(kind) if name not in out)
 
     @property
-    def nominal(self) -> Float[Tensor, " P"]:
-        """The nominal parameters of the physics."""
-        return self.physics.nominal
-
-    @property
     def state(self) -> TensorDict:
         """A copy of the complete state of all worlds, with turns."""
         return self._leave(self.physics.state)
-
-    @property
-    def theta(self) -> Float[Tensor, "N P"]:
-        """A copy of every world's parameters."""
-        return self.physics.theta
 
     def reset(
         self, theta: Float[Tensor, "N P"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
@@ -125,12 +115,6 @@ class ChartedSimulator(SimulatorWrapper):
     ) -> dict[str, TensorDict]:
         """See :meth:`Identifiable.hidden_states_along`; they see scalar joints alone: any reference does for turns."""
         return self.physics.hidden_states_along(theta, self._enter(motion), step)
-
-    def command_driven_states(
-        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
-    ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """See :meth:`Identifiable.command_driven_states`."""
-        return self.physics.command_driven_states(theta, command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float

@@ -4,7 +4,7 @@
 
 What is stiff, as a servo whose damping is large beside the inertia that it moves, is integrated stably by implicit
 methods of first order alone: the error of a replay falls by half with each half step, and Runge's and Kutta's method
-diverges. Three evaluations of a step err less than sixteen of its sixteenths, where the motion is smooth.
+diverges. Where the motion is smooth, three evaluations of a step mostly err less than sixteen of its sixteenths.
 
 The extrapolation is made in :func:`.replay.rollout`, where both replays begin from the same start. Everything else
 meets the physics in steps of h.
@@ -66,19 +66,9 @@ class ExtrapolatedSimulator(SimulatorWrapper):
         return self.physics.targets(kind)
 
     @property
-    def nominal(self) -> Float[Tensor, " P"]:
-        """Those of the physics."""
-        return self.physics.nominal
-
-    @property
     def state(self) -> TensorDict:
         """A copy of the complete state of all worlds."""
         return self.physics.state
-
-    @property
-    def theta(self) -> Float[Tensor, "N P"]:
-        """A copy of every world's parameters."""
-        return self.physics.theta
 
     def reset(
         self, theta: Float[Tensor, "N P"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
@@ -101,12 +91,6 @@ class ExtrapolatedSimulator(SimulatorWrapper):
     ) -> dict[str, TensorDict]:
         """See :meth:`Identifiable.hidden_states_along`."""
         return self.physics.hidden_states_along(theta, motion, step)
-
-    def command_driven_states(
-        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
-    ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """See :meth:`Identifiable.command_driven_states`."""
-        return self.physics.command_driven_states(theta, command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
@@ -157,11 +141,10 @@ def coarse_and_fine(simulator: Identifiable) -> tuple[Identifiable, Identifiable
 
 def replayed_in_two_steps(simulator: Simulator) -> bool:
     """Check whether replays of the simulator are extrapolated."""
-    while isinstance(simulator, SimulatorWrapper):
-        if isinstance(simulator, ExtrapolatedSimulator):
-            return True
-        simulator = simulator.physics
-    return False
+    inner = simulator
+    while isinstance(inner, SimulatorWrapper) and not isinstance(inner, ExtrapolatedSimulator):
+        inner = inner.physics
+    return isinstance(inner, ExtrapolatedSimulator)
 
 
 def extrapolated(coarse: TensorDict, fine: TensorDict) -> TensorDict:

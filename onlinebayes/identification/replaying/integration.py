@@ -21,12 +21,12 @@ TOLD: dict[Method, str] = {
     "own": "the model's own method",
     "runge_kutta": "Runge-Kutta's method",
     "first_order": "a method of first order",
-    "extrapolated": "the model's own method, extrapolated to steps of no length,",
+    "extrapolated": "the model's own method, extrapolated from whole and half steps,",
 }
 S = TypeVar("S", bound=Integrated)
 
 FINEST = 16
-"""Parts of the model's own step in which a report integrates by itself what was judged by extrapolation."""
+"""Parts of the model's own step that is the shortest: by it a report integrates what was judged by extrapolation."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,22 @@ class SimulatorWrapper(Identifiable):
         """The same around another simulator."""
 
     @property
+    def nominal(self) -> Float[Tensor, " P"]:
+        """Those of the physics."""
+        return self.physics.nominal
+
+    @property
+    def theta(self) -> Float[Tensor, "N P"]:
+        """A copy of every world's parameters."""
+        return self.physics.theta
+
+    def command_driven_states(
+        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
+    ) -> dict[str, Float[Tensor, "N K1 n"]]:
+        """See :meth:`Identifiable.command_driven_states`."""
+        return self.physics.command_driven_states(theta, command, step)
+
+    @property
     def own_effects(self) -> Mapping[str, type[Effect]]:
         """Those of the physics."""
         return self.physics.own_effects
