@@ -72,18 +72,22 @@ def fetch(name: str, space: ParameterSpace) -> Fetch:
     return Fetch(lean, exact)
 
 
-def objective(made: Fetch, settings: DDPGSettings = LEARNING, *, elsewhere: float = 0.5) -> DDPG:
+def objective(
+    made: Fetch, settings: DDPGSettings = LEARNING, *, elsewhere: float = 0.5, sees_theta: bool = False
+) -> DDPG:
     """DDPG with hindsight.
 
     Args:
         made: the task.
         settings: of DDPG.
         elsewhere: share of a minibatch from steps that lead elsewhere; see :class:`Hindsight`.
+        sees_theta: whether actor and critic see the world's parameters (Yu et al., Preparing for the Unknown: Learning
+            a Universal Policy with Online System Identification, 2017). On a machine a belief's mean stands there.
     """
     return ddpg(
         *made.lean.specs,
         settings,
-        in_keys=["observation", "desired_goal"],
+        in_keys=["observation", "desired_goal", *(["theta"] if sees_theta else [])],
         hindsight=Hindsight(made.task.goal_reward, elsewhere=elsewhere),
     )
 

@@ -7,8 +7,13 @@
 | push, alone   | 1        | nothing | 1     | .9                                                |
 | push, uniform | 1        | nothing | 1     | beside it: minibatches of all steps alike         |
 | push, prior   | U[.1, 2] | a fifth | 1     | .9, and .8 in the quarter of the smoothest blocks |
-| slide         | .1       | nothing | 1     | .5                                                |
+| push, told    | U[.1, 2] | a fifth | 1     | the same, the policy sees the friction            |
+| slide         | .1       | nothing | 3     | .6                                                |
 | slide, prior  | U[.1, 1] | nothing | 1     | a curve                                           |
+| slide, told   | U[.1, 1] | nothing | 1     | a curve, the policy sees the friction             |
+
+A policy that sees the friction is judged with the friction of its world, and with one that is off by a Gaussian error
+of OFF times the prior's width: on a machine it is given a belief's mean.
 
 Success: the share of 256 episodes of exact worlds whose goal is reached at the last step. Learning is in lean worlds.
 The scripted pusher stands beside. Each job is kept, and saved while it runs, so that a second start goes on.
@@ -27,15 +32,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from tensordict.nn import TensorDictModule, TensorDictSequential
+from torch import Tensor
 
 from envs.fetch import FRICTION, ScriptedPusher
 from onlinebayes.experiments import status
-from onlinebayes.objectives import DDPG
+from onlinebayes.objectives import DDPG, DDPGSettings
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import (
     BadInput,
     Checkpoints,
     ResultTable,
+    generator,
     random_state,
     seed_everything,
     set_random_state,
@@ -62,6 +70,9 @@ class Case:
         worlds: in which it learns.
         seeds: how many of the study's seeds it is learnt with.
         elsewhere: share of a minibatch from steps that lead elsewhere.
+        gamma: discount factor; no return is below -1 / (1 - gamma).
+        anneals: whether the learning rate falls to zero over all steps.
+        sees_theta: whether the policy sees the friction.
     """
 
     task: str
@@ -73,6 +84,26 @@ class Case:
     worlds: int = WORLDS
     seeds: int = 1
     elsewhere: float = 0.5
+    gamma: float = 0.95
+    anneals: bool = False
+    sees_theta: bool = False
+
+    @property
+    def frames(self) -> int:
+        """Steps of all worlds together."""
+        return self.batches * self.worlds * STEPS
+
+    @property
+    def learning(self) -> DDPGSettings:
+        """The settings of DDPG."""
+        return replace(
+            LEARNING,
+            frames_per_update=self.frames_per_update,
+            demonstrations=self.demonstrations,
+            gamma=self.gamma,
+            value_range=(-1 / (1 - self.gamma), 0.0),
+            anneal_frames=self.frames if self.anneals else None,
+        )
 
 
 CASES: dict[str, Case] = {
@@ -81,9 +112,13 @@ CASES: dict[str, Case] = {
     "push, alone": Case("push", 310, 0.9),
     "push, uniform": Case("push", 124, None, elsewhere=0.0),
     "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
-    "slide": Case("slide", 500, 0.5, frames_per_update=8),
+    "push, told": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8, sees_theta=True),
+    "slide": Case("slide", 500, 0.6, frames_per_update=8, seeds=3, gamma=0.98, anneals=True),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8),
+    "slide, told": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8, sees_theta=True),
 }
+OFF = (0.05, 0.1)
+"""Errors of a friction that is told, in widths of the prior."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +160,11 @@ def learnt(case: Case, seed: int, place: Path) -> dict[str, Any]:
     learner, course = policy_of(case, seed, place)
     made, worlds = made_of(case)
     found = success(made.exact, learner.policy, worlds, EPISODES)
-    result = {**asdict(found), "course": course, "frames": case.batches * case.worlds * STEPS}
+    result = {**asdict(found), "course": course, "frames": case.frames}
     if case.friction:
         result["quarters"] = quarters(made, learner, worlds)
+    if case.sees_theta:
+        result["off"] = [success(made.exact, misled(learner, made, off), worlds, EPISODES).last for off in OFF]
     if case.task == "push":
         result["scripted"] = success(made.exact, ScriptedPusher(), worlds, EPISODES).last
     return result
@@ -137,8 +174,7 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     """The learner after its last batch, and how it came there; it goes on from what is saved in ``place``."""
     seed_everything(seed)
     made, worlds = made_of(case)
-    learning = replace(LEARNING, frames_per_update=case.frames_per_update, demonstrations=case.demonstrations)
-    learner = objective(made, learning, elsewhere=case.elsewhere)
+    learner = objective(made, case.learning, elsewhere=case.elsewhere, sees_theta=case.sees_theta)
     saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
     if (checkpoint := saved.load()) is not None:
         if checkpoint.state.get("case") != asdict(case):
@@ -174,6 +210,23 @@ def quarters(made: Fetch, learner: DDPG, worlds: Distribution) -> list[float]:
     return [float(part.double().mean()) for part in found.reached[order, -1].chunk(QUARTERS)]
 
 
+def misled(learner: DDPG, made: Fetch, off: float) -> TensorDictSequential:
+    """The policy in worlds whose friction it is told wrongly, by the same error in all of an episode.
+
+    Args:
+        learner: holds the policy.
+        made: the task.
+        off: standard deviation of the error, in widths of the prior.
+    """
+    box = made.exact.simulator.parameters[FRICTION]
+    error = off * (box.high - box.low) * torch.randn(EPISODES, 1, generator=generator(79, "misled"))
+
+    def told(theta: Tensor) -> Tensor:
+        return (theta + error.to(theta)).clamp(box.low, box.high)
+
+    return TensorDictSequential(TensorDictModule(told, ["theta"], ["theta"]), learner.policy)
+
+
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
     table = ResultTable("fetch", printed_by("fetch", study), study.seeds)
@@ -189,6 +242,8 @@ def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> Result
             for k, told in ((0, "smoothest"), (QUARTERS - 1, "roughest")):
                 least = 0.8 if k == 0 and case.demonstrations else None
                 table.add_seeds(f"{name}: {told} quarter", [job["quarters"][k] for job in of], least=least)
+        for k, off in enumerate(OFF if case.sees_theta else ()):
+            table.add_seeds(f"{name}: told {100 * off:g} % of the width wrong", [job["off"][k] for job in of])
         if "scripted" in of[0]:
             table.add_seeds(f"{name}: the scripted pusher", [job["scripted"] for job in of])
         table.add(f"{name}: steps", of[0]["frames"], unit="steps")
