@@ -136,6 +136,10 @@ change: setup    ## does the belief follow a machine that changes, and leave one
 versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (four hours; goes on where it was stopped) -> docs/results/versus-sbi.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.versus_sbi --out $(OUT)/versus_sbi
+.PHONY: wall-clock
+wall-clock: setup  ## CartPole from nothing to solved with a posterior, beside stable-baselines3 and sbi (five minutes) -> docs/results/wall-clock.json
+	@$(PIP) -e '.[peers]'
+	$(BIN)/python -m recipes.studies.wall_clock --out $(OUT)/wall_clock
 survival: setup  ## a run killed at twenty random moments ends as if it had not been -> docs/results/survival.json
 	$(BIN)/python -m recipes.studies.survival --out $(OUT)/survival
 

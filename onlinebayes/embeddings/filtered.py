@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.embeddings.base import SetEmbedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
-from onlinebayes.embeddings.likeliest import DISTURBED, Levels, likeliest
+from onlinebayes.embeddings.likeliest import DISTURBED, Levels, Peak, climbed, likeliest
 from onlinebayes.embeddings.standard import Standard
 
 STARTS = 7
@@ -41,11 +41,9 @@ FIRST_NOISE = 0.03
 LEAST_NOISE = 1e-5
 """The same, at least: simulations without noise would ask for none."""
 
-NOISE_ROUNDS, NOISE_SAMPLE = 4, 100
-"""Of that search, and its trajectories: a factor of ten is found in three."""
-
-SCALE_SAMPLE = 200
-"""Trajectories that tell the mean and spread of the vector."""
+NOISE_ROUNDS, SAMPLE, SHORT = 4, 100, 4
+"""Of that search; its trajectories, which also tell the mean and spread of the vector; the steps of its climbs, of which
+the median counts."""
 
 
 class FilteredEmbedding(SetEmbedding):
@@ -80,14 +78,16 @@ class FilteredEmbedding(SetEmbedding):
         spread = rows.following[mask].std(0).clamp_min(1e-12)
         model.spread_over(rows.following[mask])
         model.noise.copy_(FIRST_NOISE * spread)
-        some = Rows(*(part[:NOISE_SAMPLE] for part in rows))
-        for _ in range(NOISE_ROUNDS):
-            model.begin_at(rows.first)
-            ratio = likeliest(model, some, 1, self.starts[:1], self._levels).evidence.innovation.median(0).values
-            model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
+        some = Rows(*(part[:SAMPLE] for part in rows))
         model.begin_at(rows.first)
-        some_features, some_mask = features[:SCALE_SAMPLE, None], mask[:SCALE_SAMPLE, None]
-        self.standard.fit(self._vector(some_features, some_mask)[:, : self._told])
+        found = likeliest(model, some, 1, self.starts[:1], [(process, SHORT) for process, _ in self._levels])
+        for _ in range(NOISE_ROUNDS):
+            ratio = found.evidence.innovation.median(0).values
+            model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
+            model.begin_at(rows.first)
+            # The peaks stay nearly where they are: what was climbed is not climbed again.
+            found = climbed(model, some, 1, found.z, [(self._levels[-1][0], SHORT)])
+        self.standard.fit(self._told_by(found)[:, : self._told])
 
     def encode_set(self, features: Float[Tensor, "G n T F"], mask: Bool[Tensor, "G n T"]) -> Float[Tensor, "G E"]:
         """Embed sets of trajectories made into rows before; see :meth:`SetEmbedding.encode_set`."""
@@ -105,7 +105,11 @@ class FilteredEmbedding(SetEmbedding):
     def _vector(self, features: Tensor, mask: Tensor) -> Float[Tensor, "G E"]:
         """Compute the embedding, not yet standardised, then z and L."""
         rows = self.rows(features.flatten(0, 1), mask.flatten(0, 1))
-        found = likeliest(self.model, rows, mask.shape[1], self.starts, self._levels)
+        return self._told_by(likeliest(self.model, rows, mask.shape[1], self.starts, self._levels))
+
+    @staticmethod
+    def _told_by(found: Peak) -> Float[Tensor, "G E"]:
+        """The same from the peaks."""
         P = found.z.shape[-1]
         H = found.evidence.information + torch.eye(P).to(found.z) / FLAT**2
         upper = torch.linalg.cholesky(H.flip(-1, -2)).flip(-1, -2)  # H = U U^T, U upper triangular

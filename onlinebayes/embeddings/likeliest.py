@@ -10,6 +10,7 @@ peak, and other starts are tried.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -18,7 +19,7 @@ from torch import Tensor
 
 from onlinebayes.embeddings.kalman import Evidence, Rows, SimulatorFilter
 
-Levels = tuple[tuple[float, int], ...]
+Levels = Sequence[tuple[float, int]]
 """Process noise in units of the sensors', and the most steps at it, one climb after the other."""
 
 DISTURBED: Levels = ((1.0, 6), (0.1, 6), (0.0, 12))
