@@ -42,8 +42,8 @@ LEAST_NOISE = 1e-5
 """The same, at least: simulations without noise would ask for none."""
 
 NOISE_ROUNDS, SAMPLE, SHORT = 4, 100, 4
-"""Of that search; its trajectories, which also tell the mean and spread of the vector; the steps of its climbs, of which
-the median counts."""
+"""Of that search; its trajectories, which also tell the mean and spread of the vector; the steps of its climbs, whose
+median counts."""
 
 
 class FilteredEmbedding(SetEmbedding):

@@ -139,15 +139,16 @@ class SimulatorFilter(nn.Module):
         sd = self._packed(self._state(observation)).std(0)
         self.spread.copy_(torch.where(sd > 1e-12, sd, torch.ones_like(sd)))
 
-    @torch.no_grad()
-    def forward(self, rows: Rows, z: Float[Tensor, "B P"], process: float = 0.0) -> Evidence:
-        """Compute the evidence of each trajectory at its z in [0, 1]^P."""
-        return _Pass(self, rows, z, process, slopes=True).over()
+    def forward(self, rows: Rows, z: Float[Tensor, "B P"], process: Float[Tensor, " B"] | None = None) -> Evidence:
+        """Compute the evidence of each trajectory at its z in [0, 1]^P, by default with an undisturbed state."""
+        with torch.inference_mode():  # a fifth quicker than without gradients
+            found = _Pass(self, rows, z, process, slopes=True).over()
+        return Evidence(*(part.clone() for part in found))
 
     @torch.no_grad()
     def log_likelihood(self, rows: Rows, z: Float[Tensor, "B P"]) -> Float[Tensor, " B"]:
         """The first of the evidence alone, faster."""
-        return _Pass(self, rows, z, 0.0, slopes=False).over().log_likelihood
+        return _Pass(self, rows, z, None, slopes=False).over().log_likelihood
 
     def started(self, first: Tensor) -> tuple[Float[Tensor, "B S"], Float[Tensor, "B S S"], Float[Tensor, "B S S"]]:
         """State at the start, its covariance, and what the sensors' noise alone would make of it."""
@@ -202,14 +203,14 @@ class SimulatorFilter(nn.Module):
 class _Pass:
     """One filter over a batch of trajectories."""
 
-    def __init__(self, of: SimulatorFilter, rows: Rows, z: Tensor, process: float, *, slopes: bool) -> None:
+    def __init__(self, of: SimulatorFilter, rows: Rows, z: Tensor, process: Tensor | None, *, slopes: bool) -> None:
         self._of, self._rows = of, rows
         self._step = float(torch.finfo(of.simulator.dtype).eps) ** 0.4
         # Differences are taken forward, and have to stay in the box.
         z = z.clamp(0, 1 - self._step)
         self._slopes = P = z.shape[1] if slopes else 0
         self._mean, self._covariance, of_noise = of.started(rows.first)
-        self._disturbance = process**2 * of_noise
+        self._disturbance = 0.0 if process is None else process.to(z).square()[:, None, None] * of_noise
         self._follows = self._mean.new_zeros(*self._mean.shape, self._slopes)  # d mean / dz
         self._remembered: TensorDict | None = None
         self._R = torch.diag(of.noise.square()).to(z)

@@ -90,48 +90,45 @@ def likeliest(
 def climbed(
     model: SimulatorFilter, rows: Rows, members: int, z: Float[Tensor, "G P"], levels: Levels = DISTURBED
 ) -> Peak:
-    """The peaks above z, one a set."""
-    z = z.clone()
-    for process, steps in levels:
-        evidence = _climb(_Sets(model, rows, members, process), z, steps)
-    return Peak(z, evidence)
+    """The peaks above z, one a set. All that still climb are looked at together, each at its own level."""
+    sets, z, moving = _Sets(model, rows, members), z.clone(), torch.arange(len(z), device=z.device)
+    process = z.new_tensor([disturbance for disturbance, _ in levels])
+    steps = torch.tensor([most for _, most in levels], device=z.device)
+    level, damping = torch.zeros_like(moving), z.new_full((len(z),), DAMPING)
+    left, here = steps[level], sets.at(moving, z, process[level])
+    while True:
+        there, promised = _proposed(z[moving], Evidence(*(part[moving] for part in here)), damping[moving])
+        anew = (promised <= ENOUGH) | (left[moving] == 0)
+        level[moving[anew]] += 1
+        there, on = torch.where(anew[:, None], z[moving], there), level[moving] < len(levels)
+        moving, there, anew = moving[on], there[on], anew[on]
+        if not len(moving):
+            return Peak(z, here)
+        found = sets.at(moving, there, process[level[moving]])
+        better = anew | (found.log_likelihood > here.log_likelihood[moving])
+        z[moving[better]] = there[better]
+        for part, new in zip(here, found, strict=True):
+            part[moving[better]] = new[better]
+        changed = damping[moving] * torch.where(better, 1 / CHANGE, CHANGE)
+        damping[moving] = torch.where(anew, DAMPING, changed)
+        left[moving] = torch.where(anew, steps[level[moving]], left[moving] - 1)
 
 
 class _Sets:
     """The evidence of sets of trajectories."""
 
-    def __init__(self, model: SimulatorFilter, rows: Rows, members: int, process: float) -> None:
-        self._model, self._members, self._process = model, members, process
+    def __init__(self, model: SimulatorFilter, rows: Rows, members: int) -> None:
+        self._model, self._members = model, members
         self._rows = [part.unflatten(0, (-1, members)) for part in rows]
 
-    def at(self, index: Tensor, z: Float[Tensor, "N P"]) -> Evidence:
-        """Of the sets ``index`` (N,), each at its z."""
+    def at(self, index: Tensor, z: Float[Tensor, "N P"], process: Float[Tensor, " N"]) -> Evidence:
+        """Of the sets ``index`` (N,), each at its z and with its process noise."""
         some = Rows(*(part[index].flatten(0, 1) for part in self._rows))
-        found = self._model(some, z.repeat_interleave(self._members, 0), self._process)
-        each = [part.unflatten(0, (-1, self._members)) for part in found]
+        z, process = (values.repeat_interleave(self._members, 0) for values in (z, process))
+        each = [part.unflatten(0, (-1, self._members)) for part in self._model(some, z, process)]
         there = some.mask.any(1).unflatten(0, (-1, self._members))[..., None].to(z)
         innovation = (each[3] * there).sum(1) / there.sum(1).clamp_min(1)
         return Evidence(each[0].sum(1), each[1].sum(1), each[2].sum(1), innovation)
-
-
-def _climb(sets: _Sets, z: Tensor, steps: int) -> Evidence:
-    """Move each z as far as it goes in that many steps; those that have arrived are not looked at again."""
-    moving = torch.arange(len(z), device=z.device)
-    here = sets.at(moving, z)
-    damping = z.new_full((len(z),), DAMPING)
-    for _ in range(steps):
-        there, promised = _proposed(z[moving], Evidence(*(part[moving] for part in here)), damping[moving])
-        going = promised > ENOUGH
-        moving, there = moving[going], there[going]
-        if not len(moving):
-            break
-        found = sets.at(moving, there)
-        better = found.log_likelihood > here.log_likelihood[moving]
-        z[moving[better]] = there[better]
-        for part, new in zip(here, found, strict=True):
-            part[moving[better]] = new[better]
-        damping[moving] *= torch.where(better, 1 / CHANGE, CHANGE)
-    return here
 
 
 def _proposed(z: Tensor, here: Evidence, damping: Tensor) -> tuple[Tensor, Tensor]:
