@@ -136,6 +136,9 @@ change: setup    ## does the belief follow a machine that changes, and leave one
 versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (four hours; goes on where it was stopped) -> docs/results/versus-sbi.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.versus_sbi --out $(OUT)/versus_sbi
+.PHONY: endurance
+endurance: setup ## half an hour of online learning: does memory stay flat -> docs/results/endurance.json
+	$(BIN)/python -m recipes.studies.endurance
 .PHONY: wall-clock
 wall-clock: setup  ## CartPole from nothing to solved with a posterior, beside stable-baselines3 and sbi (five minutes) -> docs/results/wall-clock.json
 	@$(PIP) -e '.[peers]'
