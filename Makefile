@@ -18,8 +18,8 @@ help:            ## list the targets
 
 setup: .venv/.installed  ## make .venv and install the library with its pinned dependencies
 .venv/.installed: pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null || \
-	  { echo "onlinebayes needs Python 3.11 or 3.12: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null || \
+	  { echo "onlinebayes needs Python 3.11, 3.12 or 3.13: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
 	@echo "setting up .venv: a minute or two, once"
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
 	@$(PIP) torch==2.13.0

@@ -10,7 +10,6 @@
 | push, told    | U[.1, 2] | a fifth | 1     | the same, the policy sees the friction            |
 | slide         | .1       | nothing | 3     | .6                                                |
 | slide, prior  | U[.1, 1] | nothing | 1     | a curve                                           |
-| slide, told   | U[.1, 1] | nothing | 1     | a curve, the policy sees the friction             |
 
 A policy that sees the friction is judged with the friction of its world, and with one that is off by a Gaussian error
 of OFF times the prior's width: on a machine it is given a belief's mean.
@@ -37,7 +36,7 @@ from torch import Tensor
 
 from envs.fetch import FRICTION, ScriptedPusher
 from onlinebayes.experiments import status
-from onlinebayes.objectives import DDPG, DDPGSettings
+from onlinebayes.objectives import DDPG
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import (
     BadInput,
@@ -70,8 +69,6 @@ class Case:
         worlds: in which it learns.
         seeds: how many of the study's seeds it is learnt with.
         elsewhere: share of a minibatch from steps that lead elsewhere.
-        gamma: discount factor; no return is below -1 / (1 - gamma).
-        anneals: whether the learning rate falls to zero over all steps.
         sees_theta: whether the policy sees the friction.
     """
 
@@ -84,26 +81,7 @@ class Case:
     worlds: int = WORLDS
     seeds: int = 1
     elsewhere: float = 0.5
-    gamma: float = 0.95
-    anneals: bool = False
     sees_theta: bool = False
-
-    @property
-    def frames(self) -> int:
-        """Steps of all worlds together."""
-        return self.batches * self.worlds * STEPS
-
-    @property
-    def learning(self) -> DDPGSettings:
-        """The settings of DDPG."""
-        return replace(
-            LEARNING,
-            frames_per_update=self.frames_per_update,
-            demonstrations=self.demonstrations,
-            gamma=self.gamma,
-            value_range=(-1 / (1 - self.gamma), 0.0),
-            anneal_frames=self.frames if self.anneals else None,
-        )
 
 
 CASES: dict[str, Case] = {
@@ -113,9 +91,8 @@ CASES: dict[str, Case] = {
     "push, uniform": Case("push", 124, None, elsewhere=0.0),
     "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
     "push, told": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8, sees_theta=True),
-    "slide": Case("slide", 500, 0.6, frames_per_update=8, seeds=3, gamma=0.98, anneals=True),
+    "slide": Case("slide", 500, 0.6, frames_per_update=8, seeds=3),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8),
-    "slide, told": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8, sees_theta=True),
 }
 OFF = (0.05, 0.1)
 """Errors of a friction that is told, in widths of the prior."""
@@ -160,7 +137,7 @@ def learnt(case: Case, seed: int, place: Path) -> dict[str, Any]:
     learner, course = policy_of(case, seed, place)
     made, worlds = made_of(case)
     found = success(made.exact, learner.policy, worlds, EPISODES)
-    result = {**asdict(found), "course": course, "frames": case.frames}
+    result = {**asdict(found), "course": course, "frames": case.batches * case.worlds * STEPS}
     if case.friction:
         result["quarters"] = quarters(made, learner, worlds)
     if case.sees_theta:
@@ -174,7 +151,8 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     """The learner after its last batch, and how it came there; it goes on from what is saved in ``place``."""
     seed_everything(seed)
     made, worlds = made_of(case)
-    learner = objective(made, case.learning, elsewhere=case.elsewhere, sees_theta=case.sees_theta)
+    learning = replace(LEARNING, frames_per_update=case.frames_per_update, demonstrations=case.demonstrations)
+    learner = objective(made, learning, elsewhere=case.elsewhere, sees_theta=case.sees_theta)
     saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
     if (checkpoint := saved.load()) is not None:
         if checkpoint.state.get("case") != asdict(case):

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     told = json.loads(path.with_suffix(".json").read_text())
     assert told["bytes"] == path.stat().st_size
     assert told["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert told["versions"]["torch"] == torch.__version__
+    assert told["versions"]["torch"] == version("torch")
 
 
 def test_the_last_ones_are_kept_and_other_files_left_alone(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import textwrap
 from collections.abc import Callable
@@ -81,8 +82,18 @@ def module_text(setup: Setup, file: str, head: str) -> str:
 
 
 def _source(part: type | Callable[..., object]) -> str:
-    """The source of a class or a function."""
+    """The source of a class or a function, from its first decorator on.
+
+    ``inspect.getsource`` leaves decorators out from Python 3.13 on where an import hook added one of its own.
+    """
     try:
-        return textwrap.dedent(inspect.getsource(part)).rstrip()
-    except (OSError, TypeError) as error:
-        raise BadInput(f"the source of {part.__name__} cannot be read: {error}", "define it in a module") from error
+        lines, line = inspect.findsource(inspect.unwrap(part))
+        for node in ast.walk(ast.parse("".join(lines))):
+            if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == part.__name__:
+                first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+                if first <= line + 1 <= node.lineno:
+                    return textwrap.dedent("".join(lines[first - 1 : node.end_lineno])).rstrip()
+        problem = "it is not where it should be"
+    except (OSError, TypeError, SyntaxError) as error:
+        problem = str(error)
+    raise BadInput(f"the source of {part.__name__} cannot be read: {problem}", "define it in a module")

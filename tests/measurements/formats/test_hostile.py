@@ -229,7 +229,7 @@ BAD: dict[str, tuple[str, Write, str]] = {
     "rrd cut": ("rrd", changed(logs.write_rrd, lambda b: b[: len(b) // 2]), "is a damaged Rerun recording"),
     "rrd flipped": (
         "rrd",
-        changed(logs.write_rrd, lambda b: b[:300] + bytes([b[300] ^ 255]) + b[301:]),
+        changed(logs.write_rrd, lambda b: b[:20] + bytes([b[20] ^ 255]) + b[21:]),  # in the first message's length
         "is a damaged Rerun recording",
     ),
 }
