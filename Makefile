@@ -113,6 +113,9 @@ hidden-effect: setup  ## a model that grows while a policy learns (hours; goes o
 	$(BIN)/python -m recipes.studies.hidden_effect --out $(OUT)/hidden_effect
 fetch: setup     ## DDPG with hindsight on the Fetch arm: Reach, Push, Slide (hours; goes on where it was stopped) -> docs/results/fetch.json
 	$(BIN)/python -m recipes.studies.fetch --out $(OUT)/fetch
+.PHONY: fetch-told
+fetch-told: setup ## a policy of the Fetch arm that is told the block's friction, beside one that is not (half an hour; goes on where it was stopped) -> docs/results/fetch-told.json
+	$(BIN)/python -m recipes.studies.fetch --out $(OUT)/fetch --cases "push, prior" "push, told"
 fetch-friction: setup  ## what trajectories of those policies tell of the friction (an hour after make fetch) -> docs/results/fetch-friction.json
 	$(BIN)/python -m recipes.studies.fetch_friction --policies $(OUT)/fetch --out $(OUT)/fetch_friction
 fetch-robustness: setup  ## figures 4.6 and 5.3 of the thesis: policies of the prior and of the posterior along the friction (an hour; goes on where it was stopped) -> docs/results/fetch-robustness.json

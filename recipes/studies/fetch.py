@@ -18,6 +18,7 @@ Success: the share of 256 episodes of exact worlds whose goal is reached at the 
 The scripted pusher stands beside. Each job is kept, and saved while it runs, so that a second start goes on.
 
     python -m recipes.studies.fetch [--cases push] [--seeds 1]       -> docs/results/fetch.json
+    make fetch-told: --cases "push, prior" "push, told"              -> docs/results/fetch-told.json
 """
 
 from __future__ import annotations
@@ -94,6 +95,7 @@ CASES: dict[str, Case] = {
     "slide": Case("slide", 500, 0.6, frames_per_update=8, seeds=3),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8),
 }
+TOLD = ("push, prior", "push, told")
 OFF = (0.05, 0.1)
 """Errors of a friction that is told, in widths of the prior."""
 
@@ -207,7 +209,9 @@ def misled(learner: DDPG, made: Fetch, off: float) -> TensorDictSequential:
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    table = ResultTable("fetch", printed_by("fetch", study), study.seeds)
+    pair = study.cases == TOLD
+    command = "make fetch-told" if pair else printed_by("fetch", study)
+    table = ResultTable("fetch-told" if pair else "fetch", command, study.seeds[:1] if pair else study.seeds)
     for name in study.cases:
         case, of = CASES[name], [job for (case, _), job in found.items() if case == name]
         last = [job["last"] for job in of]
