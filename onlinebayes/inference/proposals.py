@@ -158,7 +158,7 @@ class TruncatedProposal:
     def _bare(self) -> TruncatedProposal:
         """The region alone, without the points that draws may need: regions within regions stay small."""
         bare = copy.copy(self)
-        bare._known = self._known[:0]
+        bare._known = self._known[:0].clone()  # a view would keep all points in memory, and in every checkpoint
         return bare
 
     def _draw(self, size: int, generator: torch.Generator | None) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 import pytest
@@ -201,6 +202,11 @@ def test_a_region_in_a_region_in_a_region_is_saved_without_the_points_of_the_out
         region = proposals.truncated(belief, generator=_generator(), within=region)
     state = saving.to_state(region)
     assert len(state["known"]) > 0 == len(state["within"]["known"]) == len(state["within"]["within"]["known"])
+    file = io.BytesIO()
+    torch.save(state, file)
+    assert (
+        len(file.getvalue()) < 1.5 * state["known"].untyped_storage().nbytes()
+    )  # views would bring their points along
     again = saving.from_state(TWO, state)
     draws = [each.sample((100,), _generator()) for each in (region, again)]
     assert torch.equal(*draws)
