@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.embeddings.base import SetEmbedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
-from onlinebayes.embeddings.likeliest import DISTURBED, Levels, Peak, climbed, likeliest
+from onlinebayes.embeddings.likeliest import DISTURBED, Levels, climbed, likeliest
 from onlinebayes.embeddings.standard import Standard
 
 STARTS = 7
@@ -41,9 +41,11 @@ FIRST_NOISE = 0.03
 LEAST_NOISE = 1e-5
 """The same, at least: simulations without noise would ask for none."""
 
-NOISE_ROUNDS, SAMPLE, SHORT = 4, 100, 4
-"""Of that search; its trajectories, which also tell the mean and spread of the vector; the steps of its climbs, whose
-median counts."""
+NOISE_ROUNDS, NOISE_SAMPLE, NOISE_STEPS = 4, 100, 4
+"""Of that search; its trajectories; the most steps of its climbs at each level, few because their median counts."""
+
+SCALE_SAMPLE = 200
+"""Trajectories that tell the mean and spread of the vector."""
 
 
 class FilteredEmbedding(SetEmbedding):
@@ -78,16 +80,19 @@ class FilteredEmbedding(SetEmbedding):
         spread = rows.following[mask].std(0).clamp_min(1e-12)
         model.spread_over(rows.following[mask])
         model.noise.copy_(FIRST_NOISE * spread)
-        some = Rows(*(part[:SAMPLE] for part in rows))
-        model.begin_at(rows.first)
-        found = likeliest(model, some, 1, self.starts[:1], [(process, SHORT) for process, _ in self._levels])
+        some = Rows(*(part[:NOISE_SAMPLE] for part in rows))
+        short, found = [(process, NOISE_STEPS) for process, _ in self._levels], None
         for _ in range(NOISE_ROUNDS):
+            model.begin_at(rows.first)
+            if found is None:
+                found = likeliest(model, some, 1, self.starts[:1], short)
+            else:  # the peaks stay nearly where they are: what was climbed is not climbed again
+                found = climbed(model, some, 1, found.z, short[-1:])
             ratio = found.evidence.innovation.median(0).values
             model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
-            model.begin_at(rows.first)
-            # The peaks stay nearly where they are: what was climbed is not climbed again.
-            found = climbed(model, some, 1, found.z, [(self._levels[-1][0], SHORT)])
-        self.standard.fit(self._told_by(found)[:, : self._told])
+        model.begin_at(rows.first)
+        some_features, some_mask = features[:SCALE_SAMPLE, None], mask[:SCALE_SAMPLE, None]
+        self.standard.fit(self._vector(some_features, some_mask)[:, : self._told])
 
     def encode_set(self, features: Float[Tensor, "G n T F"], mask: Bool[Tensor, "G n T"]) -> Float[Tensor, "G E"]:
         """Embed sets of trajectories made into rows before; see :meth:`SetEmbedding.encode_set`."""
@@ -105,11 +110,7 @@ class FilteredEmbedding(SetEmbedding):
     def _vector(self, features: Tensor, mask: Tensor) -> Float[Tensor, "G E"]:
         """Compute the embedding, not yet standardised, then z and L."""
         rows = self.rows(features.flatten(0, 1), mask.flatten(0, 1))
-        return self._told_by(likeliest(self.model, rows, mask.shape[1], self.starts, self._levels))
-
-    @staticmethod
-    def _told_by(found: Peak) -> Float[Tensor, "G E"]:
-        """The same from the peaks."""
+        found = likeliest(self.model, rows, mask.shape[1], self.starts, self._levels)
         P = found.z.shape[-1]
         H = found.evidence.information + torch.eye(P).to(found.z) / FLAT**2
         upper = torch.linalg.cholesky(H.flip(-1, -2)).flip(-1, -2)  # H = U U^T, U upper triangular
