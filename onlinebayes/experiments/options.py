@@ -18,7 +18,7 @@ class Options:
     seed: int = 0
     """of networks, worlds and draws"""
     short: bool = False
-    """a small budget: shows that the pieces connect"""
+    """a small budget: shows that the pieces connect, and judges nothing"""
     out: str = "out"
     """the run's folder goes here"""
 

@@ -275,7 +275,7 @@ def _doubts(report: FitReport) -> list[str]:
         return []
     return [
         f"the estimator learnt nothing (validation loss {min(report.validation):.2f} nats, 0 for the uniform density):"
-        " the embedding collapsed, or the trajectories do not depend on theta"
+        " the fit was too short, the embedding collapsed, or the trajectories do not depend on theta"
     ]
 
 

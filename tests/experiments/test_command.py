@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from onlinebayes.experiments import STOPPED, status
+from onlinebayes.experiments import STOPPED, Options, status
 from onlinebayes.runs import BadInput
 
 
@@ -51,6 +51,15 @@ def test_an_option_that_cannot_be_read_is_status_two(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(("returned", "expected"), [(None, 0), (0, 0), (1, 1)])
 def test_otherwise_the_script_says(returned: int | None, expected: int) -> None:
     assert status(lambda _: returned, Settings, None) == expected
+
+
+@pytest.mark.parametrize(("returned", "expected"), [(None, 0), (0, 0), (1, 0), (STOPPED, STOPPED)])
+def test_a_short_run_says_so_and_judges_nothing(
+    returned: int | None, expected: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sys.argv += ["--short"]
+    assert status(lambda _: returned, Options, None) == expected
+    assert capsys.readouterr().out.startswith("a short run: it shows that the pieces connect, and judges nothing")
 
 
 @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGINT])
