@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -208,3 +209,24 @@ def test_the_module_needs_neither_torch_nor_this_library(tmp_path: Path) -> None
         "__future__", "collections", "dataclasses", "math", "mujoco", "numpy", "pathlib",
     }  # fmt: skip
     assert "DeadZone(width=0.3)" in text
+
+
+@pytest.mark.parametrize("points_at", ["the decorator", "the class"])
+def test_a_class_keeps_its_decorators_wherever_python_says_that_it_begins(
+    points_at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Under an import hook ``inspect.findsource`` points at the decorator up to Python 3.12, at the class from 3.13."""
+    found = inspect.findsource
+
+    def pointed(part: object) -> tuple[list[str], int]:
+        lines, line = found(part)
+        line = next(k for k in range(line, len(lines)) if lines[k].startswith(("class ", "def ")))
+        while points_at == "the decorator" and lines[line - 1].startswith("@"):
+            line -= 1
+        return lines, line
+
+    monkeypatch.setattr(inspect, "findsource", pointed)
+    simulator = MujocoSimulator(SLIDE, threads=1).with_effect(ActuatorDeadZone("motor", Parameter(0.0, 1.0)))
+    written(simulator, torch.tensor([0.3], dtype=torch.float64), tmp_path)
+    text = (tmp_path / "refined_model.py").read_text()
+    assert "@dataclass\nclass DeadZone(Law):" in text
