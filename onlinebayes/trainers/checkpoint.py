@@ -110,7 +110,7 @@ def load_run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState, 
         trainer.regrow(state, saved["online"])
         trainer = trainer.trainer
     restore_part("objective", trainer.objective, saved["objective"])
-    state.load_state_dict(saved["online"], trainer.maker)
+    state.load_state_dict(saved["online"])
     if saved["collector"] is None:
         pass  # a collector of one's own that could not tell
     elif isinstance(trainer.collector, Collector):

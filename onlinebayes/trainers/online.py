@@ -18,7 +18,8 @@ The trainer owns the order of these steps and nothing else: every part is built 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -93,10 +94,11 @@ class OnlineTrainer:
                 "the next machine may lie anywhere: give Gate(narrows=False), or leave the gate out",
             )
 
-    @property
-    def maker(self) -> Policy:
-        """A policy of the kind that makes simulations; a saved one is loaded into its copy."""
-        return Repeated() if self.repeats else self.objective.policy
+    def makers(self, state: OnlineState, numbers: Sequence[int]) -> list[Policy]:
+        """The policies with these numbers that made real trajectories, or what repeats their commands."""
+        kind = Repeated() if self.repeats else self.objective.policy
+        found = {number: frozen(kind, state.policies[number]) for number in set(numbers)}
+        return [found[number] for number in numbers]
 
     def run(
         self,
@@ -199,7 +201,8 @@ class OnlineTrainer:
             return False
         if found is not None:
             state.real = found if state.real is None else united([state.real, found])
-            state.policies.append(Repeated(found) if self.repeats else policy)
+            made = Repeated(found) if self.repeats else policy
+            state.policies.append(copy.deepcopy(dict(made.state_dict())))
             state.made_by += [len(state.policies) - 1] * len(found)
         state.notes += [note] if note else []
         state.measured = True
@@ -248,9 +251,10 @@ class OnlineTrainer:
         """Simulate and fit."""
         with clock("simulate"):
             progress.update(state.step, "simulating")
-            makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
+            makers = self.makers(state, spread(len(state.policies), self.schedule.behaviours))
             simulated = self.simulations.draw(makers, state.proposal)
-            members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
+            made_by = [state.made_by[i] for i in spread(len(state.made_by), self.schedule.group)]
+            members = self.makers(state, made_by)
             groups = self.held_out.groups(members, state.proposal)
         heed()
         with clock("fit"):

@@ -72,7 +72,7 @@ class OnlineState:
         belief: what is known of theta from all real trajectories; the prior at first. This is what is reported.
         proposal: where the next simulations are drawn; the prior at first.
         real: the real trajectories (n, T) with their ``"mask"``, None before the first.
-        policies: frozen copies of the policies that made them, or what repeats their commands.
+        policies: weights of the policies that made them, or of what repeats their commands.
         made_by: for each real trajectory the index of its policy.
         records: one for each complete outer step.
         batches: policy batches done in the outer step under way.
@@ -94,7 +94,7 @@ class OnlineState:
     belief: Belief
     proposal: Belief
     real: TensorDict | None = None
-    policies: list[Policy] = field(default_factory=list)
+    policies: list[Mapping[str, Any]] = field(default_factory=list)
     made_by: list[int] = field(default_factory=list)
     records: list[Record] = field(default_factory=list)
     batches: int = 0
@@ -148,12 +148,12 @@ class OnlineState:
         return f"{self.step} outer steps, {belief}, a policy after {self.frames} frames"
 
     def state_dict(self) -> dict[str, Any]:
-        """All of it as plain values; the policies by their weights."""
+        """All of it as plain values."""
         return {
             "belief": to_state(self.belief),
             "proposal": to_state(self.proposal),
             "real": None if self.real is None else dict(self.real.flatten_keys(".").items()),
-            "policies": [policy.state_dict() for policy in self.policies],
+            "policies": list(self.policies),
             "made_by": list(self.made_by),
             "records": [asdict(record) for record in self.records],
             "clock": [self.batches, self.measured, self.frames, self.simulated],
@@ -167,19 +167,14 @@ class OnlineState:
             "history": to_plain(self.history),
         }
 
-    def load_state_dict(self, state: Mapping[str, Any], policy: Policy) -> None:
-        """Stand where :meth:`state_dict` was taken.
-
-        Args:
-            state: what it gave.
-            policy: any policy of the run's kind, copied for each that is remembered.
-        """
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Stand where :meth:`state_dict` was taken."""
         space = self.belief.space
         self.belief, self.proposal = from_state(space, state["belief"]), from_state(space, state["proposal"])
         real = state["real"]
         if real is not None:
             self.real = TensorDict(dict(real), batch_size=real["mask"].shape[:2]).unflatten_keys(".")
-        self.policies = [frozen(policy, weights) for weights in state["policies"]]
+        self.policies = list(state["policies"])
         self.made_by = list(state["made_by"])
         self.records = [_record(values) for values in state["records"]]
         self.batches, self.measured, self.frames, self.simulated = state["clock"]

@@ -84,7 +84,8 @@ def ended(name: str, noise: float, seed: int) -> dict[str, Any]:
         "return": made.problem.score(made.trainer.objective.policy, made.truth),
     }
     if noise > 0 and state.real is not None:
-        simulated = made.trainer.simulations.draw(state.policies, made.problem.prior)
+        makers = made.trainer.makers(state, range(len(state.policies)))
+        simulated = made.trainer.simulations.draw(makers, made.problem.prior)
         exact = reference(made, ROWS[name].recipe.state)
         exact.fit(simulated, generator=generator(seed, "exact"))
         posterior = exact.condition(state.real)

@@ -90,6 +90,6 @@ def test_the_table_judges_regions_alarms_and_widths() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 def test_the_log_says_when_the_load_came(tmp_path) -> None:
-    """A run this short says so on five seeds of six (0 to 5): none of three does by chance once in two hundred times."""
+    """A run this short says so on five seeds of six (0 to 5): none of three does once in two hundred times."""
     runs = (ChangingSettings(seed=seed, short=True, before=2, after=3, out=str(tmp_path)) for seed in range(3))
     assert any(main(each) == 0 for each in runs)

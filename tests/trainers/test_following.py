@@ -60,7 +60,7 @@ def test_a_run_keeps_its_history() -> None:
     assert state.proposal is PRIOR, "the next machine may lie anywhere"
     saved = plain(state.state_dict())
     again = OnlineState.begin(PRIOR)
-    again.load_state_dict(saved, trainer.objective.policy)
+    again.load_state_dict(saved)
     assert again.history is not None
     assert again.history.in_words() == state.history.in_words()
     assert [run.since for run in again.history.lengths.runs] == [run.since for run in state.history.lengths.runs]

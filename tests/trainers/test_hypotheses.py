@@ -155,13 +155,13 @@ def test_a_stop_is_heeded_while_trajectories_are_weighed() -> None:
 
 
 def test_what_is_open_is_saved_and_loaded(tmp_path: Path) -> None:
-    state, policy = OnlineState.begin(PROBLEM.prior), sac(*PROBLEM.specs).policy
+    state = OnlineState.begin(PROBLEM.prior)
     state.hypotheses, state.weighed = torn(), 3
     Checkpoints(tmp_path, "test").save(state.state_dict())
     found = Checkpoints(tmp_path, "test").load()
     again = OnlineState.begin(PROBLEM.prior)
     assert found is not None
-    again.load_state_dict(found.state, policy)
+    again.load_state_dict(found.state)
     assert (again.hypotheses, again.weighed) == (torn(), 3)
     assert again.hypotheses is not None
     assert again.hypotheses.each[1].added_to(PROBLEM.simulator) == (FRICTION,)

@@ -125,7 +125,7 @@ def test_simulations_repeat_the_real_commands_or_ask_the_planner() -> None:
     for repeats in (True, False):
         trainer = build(1, repeats=repeats)
         state = trainer.run(OnlineState.begin(PRIOR))
-        simulated = trainer.simulations.draw(state.policies, PRIOR)
+        simulated = trainer.simulations.draw(trainer.makers(state, [0]), PRIOR)
         same = (simulated["action"] == state.real["action"]).all(-1).all(-1)
         assert same.all() if repeats else not same.any()
         assert simulated["theta"][:, 0].unique(dim=0).shape == (12, 2)
