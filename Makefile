@@ -40,7 +40,7 @@ lint: setup
 	$(BIN)/lint-imports --no-cache
 
 check: setup     ## a sample of the slow evidence (under 20 minutes)
-	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 $(SPREAD)
+	$(BIN)/python -m pytest -m slow --durations 60 --timeout 1200 $(SPREAD)
 check-all: setup ## all of the slow evidence that is a test (half an hour)
 	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 $(SPREAD)
 .PHONY: fuzz

@@ -115,6 +115,7 @@ def state() -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_few_threads_of_many", "without_shape_checks")
 @pytest.mark.parametrize("place", [pytest.param(p, marks=[pytest.mark.slow] * (p in SLOW)) for p in PLACES])
 def test_all_is_as_it_was(place: str) -> None:

@@ -291,6 +291,7 @@ LOOPS: dict[str, Callable[[], Loop]] = {
 LONG = ("a_likelihood", "calibration")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in LOOPS])
 def test_a_loop_ends_soon_after_it_was_asked_to(name: str) -> None:

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -52,7 +51,7 @@ def spent(words: list[str], limit: float) -> Spent:
     process = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=nothing_kept)
     while not (found := os.wait4(process.pid, os.WNOHANG))[0]:
         if _processor(process.pid) > limit:
-            process.send_signal(signal.SIGINT)
+            process.terminate()  # a job of a shell in the background would not heed SIGINT
             limit += GRACE_S
         time.sleep(0.1)
     _, status, usage = found

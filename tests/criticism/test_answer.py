@@ -63,6 +63,7 @@ def test_the_report_is_written_from_it(loaded: Criticism, tmp_path: Path) -> Non
     assert "constant_load" in (tmp_path / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_compare_tries_no_effect() -> None:
     found = compare(model(), measure({LOAD: (0.5,)}, runs=10), holdout=HELD)
     assert (found.verdict, found.accepted, found.candidates) == ("unexplained", (), ())
@@ -94,6 +95,7 @@ def test_friction_that_the_machine_lacks_is_at_most_little() -> None:
     assert abs(damping.mean - TRUTH[1]) < damping.q95 - damping.q05
 
 
+@pytest.mark.slow
 def test_a_number_on_its_bound_is_no_answer_and_makes_the_others_uncertain() -> None:
     light = ParameterSpace({**FREE, "body.cart.mass": Parameter(0.5, 0.9 * TRUTH[0], "kg")})
     found = compare(model(light), measure(runs=10), holdout=HELD)
@@ -104,6 +106,7 @@ def test_a_number_on_its_bound_is_no_answer_and_makes_the_others_uncertain() -> 
     assert any("as uncertain as it is" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_reversed_column_is_a_problem_of_the_data() -> None:
     data = measure(runs=10)
     turned = data.data.clone()
@@ -125,6 +128,7 @@ def test_cogging_is_found_where_nothing_else_explains_the_data() -> None:
     assert found.parameters["cogging@rail.poles"].mean == pytest.approx(12.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_what_was_found_before_a_stop_is_kept() -> None:
     interrupt = Interrupt()
 
@@ -137,6 +141,7 @@ def test_what_was_found_before_a_stop_is_kept() -> None:
     assert found.accepted == ("constant_load@rail",)
 
 
+@pytest.mark.slow
 def test_what_a_round_found_is_kept_before_the_round_has_ended() -> None:
     interrupt, lines = Interrupt(), list[str]()
 
@@ -152,6 +157,7 @@ def test_what_a_round_found_is_kept_before_the_round_has_ended() -> None:
     assert [step.added for step in found.steps] == ["constant_load@rail"]
 
 
+@pytest.mark.slow
 def test_what_was_not_judged_by_itself_may_be_missing() -> None:
     """Its search was stopped while a law at several places stood: it is listed, and not called certain."""
     data = measure({LOAD: (0.5,)}, runs=10)

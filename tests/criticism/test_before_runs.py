@@ -48,6 +48,7 @@ def delayed() -> Identifiable:
     return model().with_effect(ActuatorDelay("motor", Parameter(0.0, 0.1, "s")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("idle", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bool) -> None:
     task = prepare(delayed(), log(idle), ["run6"], None, None)

@@ -69,8 +69,7 @@ def refined(seed: int) -> Criticism:
     return refine(servo, log(seed), holdout=["run4"], candidates=TRIED)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [pytest.param(k, marks=pytest.mark.long if k else pytest.mark.slow) for k in range(3)])
 def test_bounds_of_several_numbers_are_widened_together(seed: int) -> None:
     """Seeds are fixed, so that it fails by chance on no machine."""
     found = refined(seed)

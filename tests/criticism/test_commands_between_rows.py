@@ -66,6 +66,7 @@ def task(held: bool) -> PreparedLog:
     return prepare(servo(), log(held), ["run4"], None, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [True, False])
 def test_the_base_model_tells_how_commands_go_between_rows(held: bool) -> None:
     found, search = begun_as_read(task(held), UNWATCHED)

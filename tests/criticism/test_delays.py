@@ -62,6 +62,7 @@ def test_a_plain_delay_of_the_sensor_is_no_clock(late: Criticism) -> None:
     assert CLOCK not in equal
 
 
+@pytest.mark.slow
 def test_a_lag_grows_where_it_does_and_not_where_it_stands() -> None:
     def growth(**late: float) -> tuple[float, bool]:
         search = start_search(PENDULUM.model(), measure(runs=4, seconds=8.0, **late))
@@ -84,6 +85,7 @@ def driven() -> Criticism:
     return found(runs=6, seconds=3.0, transport=0.02)
 
 
+@pytest.mark.slow
 def test_a_motor_that_is_switched_off_parts_a_late_command_from_a_late_sensor(coasting: Criticism) -> None:
     (delay,) = coasting.delays
     assert delay.stage in ("command", "torque")

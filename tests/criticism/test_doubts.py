@@ -43,6 +43,7 @@ def test_what_gains_too_little_on_the_held_out_runs_is_doubted() -> None:
     assert not [*doubts(explanation, math.nan)]
 
 
+@pytest.mark.slow
 def test_what_stays_gains_what_the_held_out_runs_say() -> None:
     measured = measure({LOAD: (0.5,)}, runs=6)
     found = refine(model(), measured, holdout=["run5"], candidates=["constant_load"])

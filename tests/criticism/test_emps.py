@@ -10,7 +10,7 @@ from onlinebayes.measurements import Signal, TableReader
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_dry_friction_then_a_constant_load(data: Path) -> None:
     simulator = MujocoSimulator(MODEL, FREE, threads=2)
     reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands)

@@ -90,6 +90,7 @@ def test_fitted_starts_are_the_true_ones() -> None:
     assert float((true[..., :3] - path[QPOS][..., :3])[inside].square().mean().sqrt()) < 0.5 * NOISE
 
 
+@pytest.mark.slow
 def test_the_damping_of_a_ball_joint_is_found() -> None:
     damping, draw = 0.03, np.random.default_rng(2)
     truth = mujoco.MjModel.from_xml_string(

@@ -43,6 +43,7 @@ def log(held: bool) -> Measurement:
     return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [True, False])
 def test_the_base_model_tells_how_commands_go_through_gaps(held: bool) -> None:
     task, search = begun_as_read(prepare(model(), log(held), ["run7"], None, None), UNWATCHED)

@@ -56,6 +56,7 @@ def test_a_column_a_row_from_the_others_is_said(rows: int, says: str) -> None:
     assert result.wiring.lines == f'[signals."qpos.elbow"]\nlatency = {0.01 * rows:g}'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "says"),
     [(1, "qpos.hinge is logged 0.01 s (1 row) late"), pytest.param(-1, "ahead of the", marks=pytest.mark.slow)],

@@ -26,6 +26,7 @@ def tied() -> Criticism:
     return refine(model(), log, holdout=("run8",), candidates=("actuator_delay", "sensor_delay", "dry_friction"))
 
 
+@pytest.mark.slow
 def test_a_tie_leaves_two_models_with_weights(tied: Criticism) -> None:
     assert tied.verdict == "tie"
     assert {one.accepted for one in tied.hypotheses} == {("actuator_delay@motor",), ("sensor_delay@qpos.rail",)}
@@ -36,6 +37,7 @@ def test_a_tie_leaves_two_models_with_weights(tied: Criticism) -> None:
         assert delay.mean == pytest.approx(0.05, abs=0.005)
 
 
+@pytest.mark.slow
 def test_every_drawn_world_is_one_of_the_models(tied: Criticism) -> None:
     worlds = worlds_of(tied)
     drawn = worlds.sample((500,), torch.Generator().manual_seed(0))
@@ -50,6 +52,7 @@ def test_every_drawn_world_is_one_of_the_models(tied: Criticism) -> None:
     assert bool((alone[:, worlds.space.index(f"{worlds_names(tied)[1]}.delay")] == 0).all())
 
 
+@pytest.mark.slow
 def test_the_belief_has_a_density_that_can_be_kept(tied: Criticism, tmp_path: Path) -> None:
     worlds = worlds_of(tied)
     belief = worlds.belief
@@ -68,6 +71,7 @@ def test_the_belief_has_a_density_that_can_be_kept(tied: Criticism, tmp_path: Pa
     assert isinstance(again, TruncatedMixture)
 
 
+@pytest.mark.slow
 def test_the_belief_is_a_prior_of_the_trainer(tied: Criticism) -> None:
     worlds = worlds_of(tied)
     problem = Problem(worlds.simulator, Watching(), prior=worlds.belief)
@@ -79,6 +83,7 @@ def test_the_belief_is_a_prior_of_the_trainer(tied: Criticism) -> None:
     assert float((mass - TRUTH[0]).abs().max()) < 0.1 * TRUTH[0]
 
 
+@pytest.mark.slow
 def test_the_worlds_run_in_the_simulator_of_all_models(tied: Criticism) -> None:
     worlds = worlds_of(tied)
     theta = worlds.sample((4,))

@@ -55,12 +55,14 @@ class Mortal:
             raise Killed
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="copies are made on Linux alone")
 def test_on_any_number_of_cores(monkeypatch: pytest.MonkeyPatch, answer: Criticism) -> None:
     monkeypatch.setenv("ONLINEBAYES_CORES", "3")
     assert_same(asked(), answer)
 
 
+@pytest.mark.slow
 def test_after_kills_and_with_what_was_kept(tmp_path: Path, answer: Criticism) -> None:
     kills = 0
     for left in (1, 1, 2, 3):

@@ -45,6 +45,7 @@ def test_a_hidden_load_is_named_and_sized(mended) -> None:
     assert step.score_gain > 2 * step.score_gain_se
 
 
+@pytest.mark.slow
 def test_what_promises_most_is_said_before_it_is_fitted() -> None:
     lines = list[str]()
     refine(model(), measure({LOAD: (0.5,)}, runs=6), holdout=["run5"], candidates=FEW, progress=lines.append)
@@ -63,11 +64,13 @@ def test_held_out_error_falls_to_the_floor(mended) -> None:
     assert mended.holdout_looks == 1
 
 
+@pytest.mark.slow
 def test_the_file_of_the_engine_errs_as_the_model_does_where_it_holds_all_of_it(mended, null) -> None:
     assert mended.file_error == mended.heldout_error.after
     assert null.file_error == null.heldout_error.after
 
 
+@pytest.mark.slow
 def test_the_file_of_the_engine_lacks_what_it_has_no_term_for() -> None:
     zone = ActuatorDeadZone("motor", Parameter(0.0, 1.0))
     found = refine(model(), measure({zone: (0.5,)}, runs=6), holdout=["run5"], candidates=["actuator_dead_zone"])
@@ -129,6 +132,7 @@ def test_diagnose_judges_the_best_alone() -> None:
     assert result.candidates_tried == 2
 
 
+@pytest.mark.slow
 def test_compare_names_nothing() -> None:
     drag = QuadraticDrag("rail", Parameter(0.0, 5.0, "N s2/m2"))
     result = compare(model(), measure({drag: (3.0,)}, runs=8))

@@ -118,6 +118,7 @@ def test_without_units_nothing_is_said(answer: Criticism) -> None:
         next_unit(replace(answer, fleet={}))
 
 
+@pytest.mark.slow
 def test_several_parameters_each_their_own(log: Measurement) -> None:
     known = {"c4-*": {MASS: 2.5, DAMPING: DAMPINGS[4]}}  # nothing of this unit is fitted
     scope = replace(SCOPE, per_unit=(MASS, DAMPING), known=known)
@@ -194,6 +195,7 @@ holdout = ["c?-2"]
     return path
 
 
+@pytest.mark.slow
 def test_the_command_line_says_it_and_its_files_go_on(log: Measurement, tmp_path: Path, capsys) -> None:
     path = written(tmp_path, log, 'units = ["c0-*", "c1-*", "c2-*", "c3-*", "c4-*"]')
     assert main(["refine", str(path), "--out", str(tmp_path / "out")]) == 0

@@ -29,6 +29,7 @@ def reference():
         yield known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_the_worlds_are_those_of_gymnasium_robotics(name, reference) -> None:
     made, generator = reference[name](), np.random.default_rng(0)

@@ -96,6 +96,7 @@ def test_the_components_are_the_next_unit() -> None:
             assert float(weight @ torch.special.ndtr((end - mean) / sd)) == pytest.approx(level, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("units", "ratio"), [(5, 1.0), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((3, 0.3), (8, 3.0)))]
 )

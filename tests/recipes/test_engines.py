@@ -70,8 +70,13 @@ def test_runs_that_touch_something_are_not_kept() -> None:
     assert touching_nothing(model, path).tolist() == [True, False, False]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("case", "seed"), [(MISSING, 11), (SURPLUS, 1)], ids=["missing", "surplus"])
+@pytest.mark.parametrize(
+    ("case", "seed"),
+    [
+        pytest.param(MISSING, 11, marks=pytest.mark.slow, id="missing"),
+        pytest.param(SURPLUS, 1, marks=pytest.mark.long, id="surplus"),
+    ],
+)
 def test_what_parts_the_engines_is_named_and_sized(case: Case, seed: int, tmp_path: Path) -> None:
     """Seed 11 of the surplus is named and sized too, but leaves three floors: see docs/log.md."""
     pytest.importorskip("pydrake", reason="needs the extra robotics")

@@ -25,17 +25,20 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     return told
 
 
+@pytest.mark.slow
 def test_an_ended_run_is_not_done_again(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("recipes.studies.finished_run.run", None)
     _, state = finished_run("pendulum", pendulum.build, settings)
     assert state.step > 0
 
 
+@pytest.mark.slow
 def test_another_run_in_its_folder_is_refused(settings: Settings) -> None:
     with pytest.raises(BadInput, match="noise"):
         finished_run("pendulum", pendulum.build, replace(settings, noise=0.05))
 
 
+@pytest.mark.slow
 def test_a_run_without_its_checkpoints_is_refused(settings: Settings) -> None:
     for file in Path(experiments.place_of("pendulum", settings)).glob("checkpoint-*"):
         file.unlink()
@@ -43,6 +46,7 @@ def test_a_run_without_its_checkpoints_is_refused(settings: Settings) -> None:
         finished_run("pendulum", pendulum.build, settings)
 
 
+@pytest.mark.slow
 def test_a_stopped_run_stops_the_study(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("recipes.studies.finished_run.run", lambda *_: 130)
     with pytest.raises(KeyboardInterrupt):

@@ -76,6 +76,7 @@ def vocabulary() -> Iterator[None]:
     EFFECTS.update(registered)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("vocabulary")
 @pytest.mark.parametrize("path", PROBLEMS, ids=[path.parent.name for path in PROBLEMS])
 def test_the_problem_loads(path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from recipes.pendulum_pixels import FilmedSettings, FrameReader, build, filmed, 
 FIGURES = ("figure/return", "figure/log density of the truth")
 
 
+@pytest.mark.slow
 def test_the_reader_learns_and_stands_in_for_the_sensors() -> None:
     seed_everything(0)
     plain = Problem(Pendulum(SPACE), PendulumTask(), BoxUniform(SPACE))
@@ -41,7 +42,7 @@ def wrong(problem: Problem, reader: FrameReader) -> float:
         return float((reader(seen["pixels"]) - seen["observation"])[..., :2].square().mean().sqrt())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_is_the_same_with_a_reader_that_was_kept(tmp_path: Path) -> None:
     settings = FilmedSettings(short=True, out=str(tmp_path))
     place, logs = tmp_path / "pendulum_pixels-online-0-short", []

@@ -60,7 +60,7 @@ def test_the_alarm_rings_where_an_effect_misleads(monkeypatch: pytest.MonkeyPatc
     assert sum(moved) / len(moved) > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_length_that_does_nothing_stays_as_unknown_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "SEEDS", (541,))
     found = tables.columns("Acrobot L2", 541)["length2"]

@@ -44,6 +44,7 @@ def installed(tmp_path: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(place), "COLUMNS": "120"}
 
 
+@pytest.mark.slow
 def test_a_recipe_copied_out_says_how_it_is_used(tmp_path: Path, installed: dict[str, str]) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
@@ -56,6 +57,7 @@ def test_a_recipe_copied_out_says_how_it_is_used(tmp_path: Path, installed: dict
     assert [path.name for path in empty.iterdir()] == ["pendulum.py"], "help writes nothing"
 
 
+@pytest.mark.slow
 def test_recipes_that_import_no_other_one_are_imported_copied_out(tmp_path: Path, installed: dict[str, str]) -> None:
     assert {"acrobot", "cartpole", "custom_gym", "mountain_car", "own_simulator", "pendulum", "reach"} <= {
         path.stem for path in ALONE

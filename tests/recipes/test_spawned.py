@@ -6,6 +6,8 @@ import os
 import time
 from functools import partial
 
+import pytest
+
 from recipes.studies.spawned import Failed, spawned
 
 
@@ -19,6 +21,7 @@ def act(job: str) -> str:
     return job.upper()
 
 
+@pytest.mark.slow
 def test_every_job_ends_whatever_it_does() -> None:
     began, asked = time.monotonic(), ["a", "sleep", "raise", "die", "b", "c"]
     done = {asked[number]: result for number, result in spawned([partial(act, job) for job in asked], 2, 10.0)}

@@ -132,6 +132,7 @@ SAVES = ["1 batch", "2 batches", "policy", "real", "step"]
 """When a run saves, in each of its two steps."""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("after", range(1, 10))
 def test_a_run_that_is_stopped_goes_on_as_far_as_its_worlds_can_tell(after: int, tmp_path: Path) -> None:

@@ -133,6 +133,7 @@ def test_the_model_grows_and_what_was_measured_is_kept() -> None:
     assert state.belief.sample((5,)).shape == (5, 3)
 
 
+@pytest.mark.slow
 def test_the_policy_that_learnt_before_learns_on() -> None:
     trainer = build(says(RUBS))
     objective = trainer.trainer.objective
@@ -149,6 +150,7 @@ def test_another_effect_takes_the_place_of_the_first() -> None:
     assert trainer.problem.space.names == (*SPACE.names, NAME)
 
 
+@pytest.mark.slow
 def test_what_was_added_stays_where_nothing_more_is_found() -> None:
     trainer = build(says(RUBS, NOTHING), moments=(1, 2))
     state = trainer.run(OnlineState.begin(PROBLEM.prior))
@@ -192,6 +194,7 @@ def test_ctrl_c_during_criticism_keeps_the_run_and_it_is_asked_again() -> None:
     assert state.records[-1].grown == ("dry_friction@hinge",)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("after", [3, *(pytest.param(after, marks=pytest.mark.slow) for after in (4, 6))])
 def test_a_killed_run_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> None:
@@ -261,7 +264,7 @@ def test_dry_friction_is_named_and_nothing_where_there_is_nothing(friction: floa
             assert abs(mean - true) < 4 * sd
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("friction", [0.8, 0.0])
 def test_refine_says_the_same_of_the_trajectories_as_a_log(friction: float) -> None:

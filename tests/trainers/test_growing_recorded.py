@@ -23,6 +23,7 @@ def rows_of(path: Path) -> dict[str, list[int]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 def test_the_recording_shows_when_the_model_grew(tmp_path: Path) -> None:
     trainer = build(says(RUBS))

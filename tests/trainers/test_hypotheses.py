@@ -167,6 +167,7 @@ def test_what_is_open_is_saved_and_loaded(tmp_path: Path) -> None:
     assert again.hypotheses.each[1].added_to(PROBLEM.simulator) == (FRICTION,)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("after", [4, 8])
 def test_a_run_killed_while_models_are_open_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> None:
@@ -195,6 +196,7 @@ def test_a_run_killed_while_models_are_open_goes_on_to_the_last_bit(after: int, 
     assert differing(whole, run_state(trainer, state)) == []
 
 
+@pytest.mark.slow
 def test_a_tie_is_left_open_with_the_weights_of_the_criticism() -> None:
     late = ActuatorDelay("motor", Parameter(0.0, 0.2, "s"))
     log = measure({late: (0.05,)}, runs=9, noise=1e-3)

@@ -223,6 +223,7 @@ def test_workers_that_are_forked_repeat_what_a_seed_says() -> None:
     assert not torch.equal(after(5), after(6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "env_seed"), [("fork", 5), ("spawn", 5), ("spawn", None)])
 def test_a_job_that_seeds_itself_is_the_same_in_each_worker(method: str, env_seed: int | None) -> None:
     context = multiprocessing.get_context(method)

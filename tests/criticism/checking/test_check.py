@@ -78,7 +78,7 @@ def test_a_change_within_a_run_is_dated_by_time(reference: Measurement, memo: Me
     assert 3.0 < change.since.time < 6.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_false_alarms_are_rare(reference: Measurement, memo: Memo) -> None:
     """40 checks at 1 %: two or more alarms have a probability of 6 %, three or more of 0.7 %."""

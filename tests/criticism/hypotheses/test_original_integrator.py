@@ -56,6 +56,7 @@ def left(search: Search) -> float:
     return float(search.base.left_out[0].rms.max())
 
 
+@pytest.mark.slow
 def test_the_step_that_wrote_the_log_is_kept() -> None:
     """A finer one errs by more than four floors."""
     search = start_search(simulator(), recorded())
@@ -65,6 +66,7 @@ def test_the_step_that_wrote_the_log_is_kept() -> None:
     assert search.base.fitted.theta.tolist() == pytest.approx([1.0, 0.1], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_it_is_left_where_noise_is_all_that_a_finer_one_leaves() -> None:
     smooth = ARM.replace("<worldbody>", '<option integrator="RK4"/><worldbody>', 1)
     search = start_search(MujocoSimulator(smooth.format(more=""), FREE, threads=1), recorded(timestep=0.0001))

@@ -92,6 +92,7 @@ def test_a_rotor_may_have_many_times_the_inertia_of_its_limb() -> None:
     assert all(0 < start["armature"] < armature.parameters["armature"].high for start in armature.starts)
 
 
+@pytest.mark.slow
 def test_a_log_in_steps_of_first_order_is_judged_in_these() -> None:
     found = explain(model(), measure(runs=10, simulator=model().with_first_order()), holdout=["run8", "run9"])
     assert found.found.hypothesis.keys == ()

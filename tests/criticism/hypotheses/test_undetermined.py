@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from onlinebayes.criticism.findings.undetermined import determined
 from onlinebayes.criticism.hypotheses.additions import AddedEffect
 from onlinebayes.identification.judging.evaluator import FitRequest
@@ -15,6 +17,7 @@ LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 DRAG = QuadraticDrag("rail", Parameter(0.0, 1.0, "N s2/m2"))
 
 
+@pytest.mark.slow
 def test_an_effect_that_may_be_nothing_goes_and_the_one_that_is_there_stays() -> None:
     found = explain(model(), measure({LOAD: (0.5,)}, runs=10), holdout=("run9", "run8"), candidates=["constant_load"])
     assert found.found.hypothesis.keys == ("constant_load@rail",)

@@ -76,6 +76,7 @@ def test_damping_too_stiff_for_runge_kutta_is_judged_by_the_own_method() -> None
     assert found.remainder.rms_over_floor["qpos.rail"] == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_what_is_too_stiff_for_runge_kutta_and_needs_more_is_extrapolated() -> None:
     stiff = stiff_slide()
     sharp = measure(runs=8, simulator=stiff, truth=(7000.0,), noise=1e-7, finer=16)

@@ -111,6 +111,7 @@ def errors_of_a_drawn_servo(seed: int) -> tuple[float, float, float]:
     return tuple(float((one - exact).square().mean().sqrt()) for one in (three, twelve, sixteen))  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 def test_on_servos_that_nobody_looked_at_twelve_evaluations_err_less_than_sixteen() -> None:
     found = [errors_of_a_drawn_servo(seed) for seed in range(71000, 71020)]
     assert sum(twelve < sixteen for _, twelve, sixteen in found) == len(found)
