@@ -158,7 +158,7 @@ def test_a_file_cut_anywhere_is_passed_over(tmp_path: Path) -> None:
     whole = {suffix: newest.with_suffix(suffix).read_bytes() for suffix in (".pt", ".json")}
     cuts = random.Random(0)
     for suffix, content in whole.items():
-        for _ in range(20):
+        for _ in range(100):
             newest.with_suffix(suffix).write_bytes(content[: cuts.randrange(len(content) - 1)])
             assert checkpoints.load().state == {"i": 1}
         newest.with_suffix(suffix).write_bytes(content)
