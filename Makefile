@@ -128,6 +128,9 @@ hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its frict
 	$(BIN)/python -m recipes.studies.hopper --out $(OUT)/hopper
 egocentric: setup  ## chapter 3 of the thesis: which sensor to use on an energy budget (ten minutes; goes on where it was stopped; needs ONLINEBAYES_DATA) -> docs/results/egocentric.json
 	$(BIN)/python -m recipes.studies.egocentric --out $(OUT)/egocentric
+.PHONY: hopper-policies
+hopper-policies: setup ## the policies alone, prior U[.3, .5], three seeds (an hour; goes on where it was stopped) -> docs/results/hopper-policies.json
+	$(BIN)/python -m recipes.studies.hopper --parts policies --lows .3 --out $(OUT)/hopper
 engines: setup   ## what parts a hopper in Drake from its model in MuJoCo, named by refine (half an hour; goes on where it was stopped) -> docs/results/engines.json
 	$(BIN)/python -m recipes.studies.engines --out $(OUT)/engines
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json

@@ -12,6 +12,7 @@ A trajectory of 50 steps begins after a second of running (``running``) or where
 Each finished job and each run of the recipe is kept, so that a second start goes on.
 
     python -m recipes.studies.hopper [--parts friction] [--seeds 1]       -> docs/results/hopper.json
+    make hopper-policies: --parts policies --lows .3                      -> docs/results/hopper-policies.json
 """
 
 from __future__ import annotations
@@ -148,7 +149,9 @@ def window(data: TensorDictBase, begin: int) -> TensorDictBase:
 
 def tabled(found: dict[Key, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    table = ResultTable("hopper", printed_by("hopper", study), study.seeds)
+    name = "hopper-policies" if study.parts == ("policies",) else "hopper"
+    whole = name == "hopper-policies" and study.lows == LOWS[:1] and study.seeds == SEEDS
+    table = ResultTable(name, f"make {name}" if whole else printed_by(name, study), study.seeds)
     for low in study.lows:
         head = f"prior U[{low:g}, {hopper.HIGH:g}]"
         if "policies" in study.parts:
