@@ -31,7 +31,7 @@ demo: setup      ## the main job: measurement -> missing effect -> posterior -> 
 demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
 	$(BIN)/python -m recipes.studies.demo_seeds
 
-test: setup lint ## lint, types, import rules, fast tests (6 to 10 minutes; WORKERS=2 processes)
+test: setup lint ## lint, types, import rules, fast tests (about 10 minutes; WORKERS=2 processes)
 	$(BIN)/python -m pytest $(SPREAD)
 lint: setup
 	$(BIN)/ruff check .
@@ -41,7 +41,7 @@ lint: setup
 
 check: setup     ## a sample of the slow evidence (half an hour)
 	$(BIN)/python -m pytest -m slow --durations 60 --timeout 1200 $(SPREAD)
-check-all: setup ## all of the slow evidence that is a test (an hour)
+check-all: setup ## all of the slow evidence that is a test (longer)
 	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 $(SPREAD)
 .PHONY: fuzz
 fuzz: setup      ## refine on 200 drawn problems (half an hour); each that fails is printed as the data that it was drawn from

@@ -18,7 +18,6 @@ The trainer owns the order of these steps and nothing else: every part is built 
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -202,7 +201,7 @@ class OnlineTrainer:
         if found is not None:
             state.real = found if state.real is None else united([state.real, found])
             made = Repeated(found) if self.repeats else policy
-            state.policies.append(copy.deepcopy(dict(made.state_dict())))
+            state.policies.append(dict(made.state_dict()))
             state.made_by += [len(state.policies) - 1] * len(found)
         state.notes += [note] if note else []
         state.measured = True

@@ -49,7 +49,7 @@ def delayed() -> Identifiable:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("idle", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("idle", [True, False])
 def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bool) -> None:
     task = prepare(delayed(), log(idle), ["run6"], None, None)
     task, search = begun_as_read(task, UNWATCHED)

@@ -59,7 +59,7 @@ def test_a_column_a_row_from_the_others_is_said(rows: int, says: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "says"),
-    [(1, "qpos.hinge is logged 0.01 s (1 row) late"), pytest.param(-1, "ahead of the", marks=pytest.mark.slow)],
+    [(1, "qpos.hinge is logged 0.01 s (1 row) late"), (-1, "ahead of the")],
 )
 def test_signals_a_row_from_the_commands_are_said_and_no_curve_between_rows(rows: int, says: str) -> None:
     result = compare(PENDULUM.model(), a_row_off(PENDULUM.measure(), "qpos.hinge", rows))

@@ -196,7 +196,7 @@ def test_ctrl_c_during_criticism_keeps_the_run_and_it_is_asked_again() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
-@pytest.mark.parametrize("after", [3, *(pytest.param(after, marks=pytest.mark.slow) for after in (4, 6))])
+@pytest.mark.parametrize("after", [3, 4, 6])
 def test_a_killed_run_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> None:
     """Killed before it grew (3: the first step is complete), when it had grown (4), and in the step that follows."""
     trainer, state = build(says(RUBS)), OnlineState.begin(PROBLEM.prior)

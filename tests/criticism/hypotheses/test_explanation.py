@@ -18,7 +18,7 @@ LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_nothing_is_added_to_a_right_model(seed: int) -> None:
     table = measure(runs=10, seed=seed)
     found = explain(model(), table, holdout=HELD)
