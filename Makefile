@@ -31,7 +31,7 @@ demo: setup      ## the main job: measurement -> missing effect -> posterior -> 
 demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
 	$(BIN)/python -m recipes.studies.demo_seeds
 
-test: setup lint ## lint, types, import rules, fast tests (about 10 minutes; WORKERS=2 processes)
+test: setup lint ## lint, types, import rules, fast tests (6 to 7 minutes; WORKERS=2 processes)
 	$(BIN)/python -m pytest $(SPREAD)
 lint: setup
 	$(BIN)/ruff check .
